@@ -1,0 +1,21 @@
+"""The exceptions that a caller may want to catch. Outcomes (certified, refuted, undecided) are values, never exceptions."""
+
+
+class PersidError(Exception):
+    """Base of every error that persid raises on purpose."""
+
+
+class DataError(PersidError, ValueError):
+    """Measurements that cannot be used as they are; the message names the file, the row and the column."""
+
+
+class ModelError(PersidError, ValueError):
+    """A model, or a file of one, that is not of the form x' = A0 x + sum A f(R x) + B u + b."""
+
+
+class GeneratorError(PersidError, ValueError):
+    """A Koopman matrix without a trustworthy real logarithm."""
+
+
+class UnderdeterminedError(PersidError, ValueError):
+    """A fit with fewer independent samples than unknown coefficients."""

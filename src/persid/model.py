@@ -1,0 +1,328 @@
+"""PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid_check import model_sha256
+from persid.errors import ModelError
+from persid.files import write_atomically
+from persid.functions import ScalarFunction, scalar_function
+from persid.trajectories import Trajectories, Trajectory
+
+FORMAT = "persid-model-1"
+STATE_CAP = 1e6  # a simulated state beyond this many times its own scale has diverged
+
+Input = Float[ndarray, "N m"] | Callable[[float], Float[ndarray, " m"]] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One term A f(R (x - x_ref)); `f` has one function per row of R, and R = None is the identity."""
+
+    f: tuple[ScalarFunction, ...]
+    R: Float[ndarray, "k n"] | None
+    A: Float[ndarray, "n k"]
+
+    def arguments(self, dx: Float[ndarray, "*N n"]) -> Float[ndarray, "*N k"]:
+        """Return R dx."""
+        return dx if self.R is None else dx @ self.R.T
+
+    def values(self, dx: Float[ndarray, "*N n"]) -> Float[ndarray, "*N k"]:
+        """Return f(R dx)."""
+        return self._apply("value", self.arguments(dx))
+
+    def derivatives(self, dx: Float[ndarray, "*N n"]) -> Float[ndarray, "*N k"]:
+        """Return f'(R dx)."""
+        return self._apply("derivative", self.arguments(dx))
+
+    def _apply(self, what: str, y: ndarray) -> ndarray:
+        if len(set(self.f)) == 1:
+            return getattr(self.f[0], what)(y)
+        return np.stack([getattr(f, what)(y[..., k]) for k, f in enumerate(self.f)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """The scalar channels of a model, linear terms merged: x' = A0 dx + sum_c columns[:, c] f_c(rows[c] dx) + ..."""
+
+    A0: Float[ndarray, "n n"]
+    rows: Float[ndarray, "c n"]
+    columns: Float[ndarray, "n c"]
+    functions: tuple[ScalarFunction, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PersidskiiModel:
+    """A generalized Persidskii model in the user's units; time in s. Paper: eq:main_system_Per, eq:change_variable_P_system.
+
+    `domain` is the box of the data, one (lo, hi) per state, or None; `provenance` is never used in a proof.
+
+    Raises:
+        ModelError: shapes do not fit, a number is not finite, or a function is not of the grammar.
+    """
+
+    A0: Float[ndarray, "n n"]
+    terms: tuple[Term, ...]
+    B: Float[ndarray, "n m"]
+    b: Float[ndarray, " n"]
+    x_ref: Float[ndarray, " n"]
+    u_ref: Float[ndarray, " m"]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    domain: Float[ndarray, "n 2"] | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        A0: Any = None,
+        terms: Sequence[Any] = (),
+        B: Any = None,
+        b: Any = None,
+        x_ref: Any = None,
+        u_ref: Any = None,
+        *,
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] | None = None,
+        domain: Any = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        n = _dimension(A0, terms, B)
+        A0 = _array("A0", np.zeros((n, n)) if A0 is None else A0, (n, n))
+        B = _array("B", np.zeros((n, 0)) if B is None else B, (n, None))
+        m = B.shape[1]
+        values = {
+            "A0": A0,
+            "terms": tuple(_term(i, term, n) for i, term in enumerate(terms)),
+            "B": B,
+            "b": _array("b", np.zeros(n) if b is None else b, (n,)),
+            "x_ref": _array("x_ref", np.zeros(n) if x_ref is None else x_ref, (n,)),
+            "u_ref": _array("u_ref", np.zeros(m) if u_ref is None else u_ref, (m,)),
+            "states": _names("states", states or [f"x{i + 1}" for i in range(n)], n),
+            "inputs": _names("inputs", inputs or [f"u{i + 1}" for i in range(m)], m),
+            "domain": None if domain is None else _array("domain", domain, (n, 2)),
+            "provenance": dict(provenance or {}),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Number of inputs."""
+        return len(self.inputs)
+
+    @cached_property
+    def channels(self) -> Channels:
+        """The scalar channels, in the order of the terms; terms with f = x are merged into A0."""
+        A0, rows, columns, functions = self.A0.copy(), [], [], []
+        for term in self.terms:
+            R = np.eye(self.n) if term.R is None else term.R
+            linear = np.array([f.is_linear for f in term.f])
+            A0 += term.A[:, linear] @ R[linear]
+            rows.append(R[~linear])
+            columns.append(term.A[:, ~linear])
+            functions += [f for f in term.f if not f.is_linear]
+        empty = np.zeros((0, self.n))
+        return Channels(A0, np.vstack([empty, *rows]), np.hstack([empty.T, *columns]), tuple(functions))
+
+    def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N n"]:
+        """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref."""
+        dx = np.asarray(x, float) - self.x_ref
+        dot = dx @ self.A0.T + self.b
+        for term in self.terms:
+            dot = dot + term.values(dx) @ term.A.T
+        return dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T
+
+    def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
+        """Return the matrix of derivatives of x' by x at one state, in 1/s."""
+        dx = np.asarray(x, float) - self.x_ref
+        J = self.A0.copy()
+        for term in self.terms:
+            scaled = term.A * term.derivatives(dx)
+            J += scaled if term.R is None else scaled @ term.R
+        return J
+
+    def simulate(
+        self, x0: Any, t: Float[ndarray, " N"], u: Input = None, *, rtol: float = 1e-8, atol: float = 1e-10
+    ) -> Trajectories:
+        """Integrate from x0 and sample at the times t (s); a run that diverges ends there, with `diverged_at` set.
+
+        u is (N, m), held from each sample to the next, or a function of t, or None for u_ref.
+        """
+        x0 = _array("x0", x0, (self.n,))
+        t = np.asarray(t, float)
+        if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
+            raise ModelError("t needs at least two strictly increasing times in s")
+        run = _integrate(self, x0, t, u, rtol, atol)
+        return Trajectories((run,), self.states, self.inputs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as the object of `model.json`."""
+        return {
+            "format": FORMAT,
+            "states": list(self.states),
+            "inputs": list(self.inputs),
+            "x_ref": self.x_ref.tolist(),
+            "u_ref": self.u_ref.tolist(),
+            "A0": self.A0.tolist(),
+            "terms": [_term_dict(term) for term in self.terms],
+            "B": self.B.tolist(),
+            "b": self.b.tolist(),
+            "domain": None if self.domain is None else self.domain.tolist(),
+            "provenance": self.provenance,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "PersidskiiModel":
+        """Return the model of an object such as `model.json` holds; unknown fields are refused."""
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise ModelError(f'a model has "format": "{FORMAT}"')
+        unknown = set(data) - set(_FIELDS)
+        if unknown:
+            raise ModelError(f"unknown field {sorted(unknown)[0]!r}; known: {', '.join(_FIELDS)}")
+        missing = {"states", "B", "terms"} - set(data)
+        if missing:
+            raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
+        values = {name: data.get(name) for name in _FIELDS if name != "format"}
+        n, m = len(data["states"]), len(data.get("inputs") or [])
+        values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
+        values["A0"] = np.zeros((n, n)) if values["A0"] is None else values["A0"]
+        return cls(**values)
+
+    def save(self, path: str | Path) -> None:
+        """Write `model.json`: reading it gives the same binary64 numbers back. Written beside, then renamed."""
+        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
+        return model_sha256(self.to_dict())
+
+
+_FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")
+
+
+def load_model(path: str | Path) -> PersidskiiModel:
+    """Read a model from `model.json`.
+
+    Raises:
+        ModelError: the file is not JSON, or not a model.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        return PersidskiiModel.from_dict(data)
+    except (ModelError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ModelError(f"{path}: {error}") from None
+
+
+def _refuse_constant(text: str) -> float:
+    raise ModelError(f"{text} is not a number a model may hold")
+
+
+def _dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
+    for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
+        if candidate is not None and np.ndim(candidate) == 2:
+            return len(candidate)
+    raise ModelError("the number of states is unknown: give A0, B or a term")
+
+
+def _part(term: Any, key: str, place: int) -> Any:
+    return term.get(key) if isinstance(term, Mapping) else term[place]
+
+
+def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ModelError(f"{name} is not an array of numbers") from None
+    wanted = tuple("m" if k is None else k for k in shape)
+    if array.ndim != len(shape) or any(k is not None and k != size for k, size in zip(shape, array.shape, strict=True)):
+        raise ModelError(f"{name} has shape {array.shape}; needed is {wanted}")
+    if not np.isfinite(array).all():
+        raise ModelError(f"{name} holds a number that is not finite")
+    array.setflags(write=False)
+    return array
+
+
+def _names(what: str, names: Sequence[str], count: int) -> tuple[str, ...]:
+    if len(names) != count or len(set(names)) != count or not all(isinstance(name, str) for name in names):
+        raise ModelError(f"{what} needs {count} different names, not {list(names)}")
+    return tuple(names)
+
+
+def _term(index: int, term: Any, n: int) -> Term:
+    if isinstance(term, Term):
+        term = (list(term.f), term.R, term.A)
+    if isinstance(term, Mapping) and set(term) - {"f", "R", "A"}:
+        raise ModelError(f"terms[{index}] has an unknown field; known: f, R, A")
+    f, R, A = (_part(term, key, place) for place, key in enumerate("fRA"))
+    R = None if R is None else _array(f"terms[{index}].R", R, (None, n))
+    k = n if R is None else len(R)
+    names = [f] * k if isinstance(f, str | ScalarFunction) else list(f)
+    if len(names) != k:
+        raise ModelError(f"terms[{index}].f has {len(names)} functions; needed is one, or one per row of R ({k})")
+    functions = tuple(name if isinstance(name, ScalarFunction) else scalar_function(name) for name in names)
+    return Term(functions, R, _array(f"terms[{index}].A", A, (n, k)))
+
+
+def _term_dict(term: Term) -> dict[str, Any]:
+    texts = [f.text for f in term.f]
+    return {
+        "f": texts[0] if len(set(texts)) == 1 else texts,
+        "R": None if term.R is None else term.R.tolist(),
+        "A": term.A.tolist(),
+    }
+
+
+def _integrate(model: PersidskiiModel, x0: ndarray, t: ndarray, u: Input, rtol: float, atol: float) -> Trajectory:
+    """Integrate piece by piece where the input is held, in one go where it is a function of time."""
+    from scipy.integrate import solve_ivp
+
+    cap = STATE_CAP * (1 + np.abs(x0).max() + np.abs(model.x_ref).max())
+
+    def left(_: float, x: ndarray) -> float:
+        return cap - float(np.abs(x).max())
+
+    left.terminal = True  # type: ignore[attr-defined]
+
+    def piece(start: float, stop: float, x: ndarray, times: ndarray, at: Callable[[float], ndarray]) -> Any:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return solve_ivp(
+                lambda s, y: np.clip(model.rhs(y, at(s)), -1e200, 1e200),
+                (start, stop), x, method="LSODA", t_eval=times, events=left, rtol=rtol, atol=atol,
+            )  # fmt: skip
+
+    if u is None or callable(u):
+        at = u if callable(u) else (lambda _: model.u_ref)
+        inputs = np.array([np.reshape(at(s), model.m) for s in t])
+        solution = piece(t[0], t[-1], x0, t, lambda s: np.reshape(at(s), model.m))
+        return _run(solution.t, solution.y.T, inputs, solution, t)
+    u = _array("u", u, (len(t), model.m))
+    states = [x0]
+    for k in range(len(t) - 1):
+        solution = piece(t[k], t[k + 1], states[-1], t[k + 1 : k + 2], lambda _, k=k: u[k])
+        if solution.status != 0 or not np.isfinite(solution.y).all():
+            break
+        states.append(solution.y[:, -1])
+    return _run(t[: len(states)], np.array(states), u, solution, t)
+
+
+def _run(times: ndarray, x: ndarray, u: ndarray, solution: Any, t: ndarray) -> Trajectory:
+    if len(times) == len(t) and np.isfinite(x).all():
+        return Trajectory(t, x, u)
+    good = int(np.isfinite(x).all(axis=1).sum())
+    last = float(solution.t_events[0][0]) if solution.t_events and len(solution.t_events[0]) else float(times[good - 1])
+    return Trajectory(times[:good], x[:good], u[:good], diverged_at=last if math.isfinite(last) else float(t[0]))
