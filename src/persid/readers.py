@@ -1,0 +1,315 @@
+"""Readers: measurements in files and tables -> Trajectories, with every repair noted and every doubt an error."""
+
+import csv
+import warnings
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy import ndarray
+
+from persid.errors import DataError
+from persid.trajectories import Trajectories, Trajectory
+
+TIME_NAMES = ("t", "time")
+GAP = 10.0  # a step longer than this many median steps is a gap, not an irregular sample
+
+Paths = str | Path | Sequence[str | Path]
+
+
+@dataclass(frozen=True)
+class _Table:
+    """One table still as it was read: `label(k)` names data row k the way its owner counts."""
+
+    name: str
+    frame: pd.DataFrame
+    label: Callable[[int], str]
+
+
+def read_csv(
+    paths: Paths,
+    *,
+    states: Sequence[str],
+    inputs: Sequence[str] = (),
+    time: str | None = None,
+    dt: float | None = None,
+    gap: float | None = None,
+    missing: str = "error",
+) -> Trajectories:
+    """Read one CSV file, or several as several trajectories.
+
+    Time in s is the column `time`, or the step `dt`, or a column named t or time. A step in time above `gap` s
+    (default: ten median steps) starts a new trajectory. `missing="split"` does the same at empty cells and NaN, which
+    are an error otherwise. What was repaired stands in `notes`.
+
+    Raises:
+        DataError: a column is missing, a cell is no finite number, times do not increase, or rows are too few; the
+            message names file, row (the line of the file; the header is row 1) and column, and what to try.
+    """
+    files = [paths] if isinstance(paths, str | Path) else list(paths)
+    tables = (_csv_table(Path(file), [*states, *inputs], time, dt) for file in files)
+    return _assemble(tables, list(states), list(inputs), time, dt, gap, missing)
+
+
+def read_parquet(
+    paths: Paths,
+    *,
+    states: Sequence[str],
+    inputs: Sequence[str] = (),
+    time: str | None = None,
+    dt: float | None = None,
+    gap: float | None = None,
+    missing: str = "error",
+) -> Trajectories:
+    """Read Parquet files (needs pyarrow), by the rules of `read_csv`; rows are counted from 1 without a header.
+
+    Raises:
+        DataError: as for `read_csv`.
+    """
+    files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
+    tables = (_Table(str(file), _parquet_frame(file), lambda k: f"row {k + 1}") for file in files)
+    return _assemble(tables, list(states), list(inputs), time, dt, gap, missing)
+
+
+def trajectories_of_frames(
+    frame: pd.DataFrame | Sequence[pd.DataFrame],
+    states: Sequence[str] | None,
+    inputs: Sequence[str],
+    time: str | None,
+    dt: float | None,
+) -> Trajectories:
+    """Return the trajectories of DataFrames; see `Trajectories.from_dataframe`."""
+    frames = [frame] if isinstance(frame, pd.DataFrame) else list(frame)
+    if not frames or not all(isinstance(item, pd.DataFrame) for item in frames):
+        raise DataError("a DataFrame, or a list of them, is needed")
+    tables = [table for i, item in enumerate(frames) for table in _episodes(f"table {i + 1}", item, time, dt)]
+    if states is None:
+        taken = {*inputs, time, *(() if dt is not None else TIME_NAMES)}
+        states = [str(column) for column in tables[0].frame.columns if str(column).strip() not in taken]
+    return _assemble(iter(tables), list(states), list(inputs), time, dt, np.inf, "error")
+
+
+def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | None) -> Iterator[_Table]:
+    """One table per episode of an (episode, time) index; an index named like a time becomes a column."""
+    if isinstance(frame.index, pd.MultiIndex):
+        if frame.index.nlevels != 2:
+            raise DataError(f"{name}: an index of {frame.index.nlevels} levels; needed are two, (episode, time)")
+        for episode in frame.index.get_level_values(0).unique():
+            part = frame.loc[[episode]].droplevel(0)
+            yield _frame_table(f"{name}, episode {episode}", part.rename_axis(time or "t"), dt is None)
+    else:
+        named = frame.index.name is not None and frame.index.name in ((time,) if time else TIME_NAMES)
+        yield _frame_table(name, frame, named and dt is None)
+
+
+def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> _Table:
+    index = frame.index
+    flat = frame.reset_index() if use_index else frame.reset_index(drop=True)
+    return _Table(name, flat, lambda k: f"row {index[k]}")
+
+
+def _parquet_frame(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(path)
+    except (OSError, ValueError, ImportError) as error:
+        raise DataError(f"{path}: cannot be read as Parquet: {error}") from None
+
+
+def _csv_table(path: Path, columns: list[str], time: str | None, dt: float | None) -> _Table:
+    header = _header(path)
+    wanted = {*columns, *([time] if time else []), *(TIME_NAMES if dt is None else ())}
+    places = [k for k, name in enumerate(header) if name.strip() in wanted]
+    frame = _numeric_frame(path, header, places)
+    return _Table(str(path), frame, lambda k: f"row {k + 2}")
+
+
+def _header(path: Path) -> list[str]:
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            header = next(csv.reader(file), [])
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path}: row 1 is not a header in UTF-8 text: {error}") from None
+    if not any(name.strip() for name in header):
+        raise DataError(f"{path}: the file is empty; needed is a header with the names of the columns, then the rows")
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        raise DataError(f"{path}: row 1 has no comma but {header[0]!r}; save the table with commas between the columns")
+    return header
+
+
+def _numeric_frame(path: Path, header: list[str], places: list[int]) -> pd.DataFrame:
+    """Read the wanted columns as exact binary64; cells that are no numbers stay text, for the error to show."""
+    options: dict[str, Any] = {
+        "header": None, "skiprows": 1, "names": range(len(header)), "index_col": False,
+        "skip_blank_lines": False, "encoding": "utf-8-sig", "low_memory": False,
+        "skipinitialspace": True,
+    }  # fmt: skip
+    if int(pd.__version__.split(".")[0]) < 3:  # pandas 3 always rounds to the nearest binary64
+        options["float_precision"] = "round_trip"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(path, **options)
+    except pd.errors.EmptyDataError:
+        frame = pd.DataFrame(columns=places)
+    except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: the rows do not fit the header's {len(header)} columns: {error}") from None
+    frame = frame[places].set_axis([header[k] for k in places], axis=1)
+    while len(frame) and frame.iloc[-1].isna().all():  # blank lines at the end of the file
+        frame = frame.iloc[:-1]
+    return frame
+
+
+def _assemble(
+    tables: Iterator[_Table],
+    states: list[str],
+    inputs: list[str],
+    time: str | None,
+    dt: float | None,
+    gap: float | None,
+    missing: str,
+) -> Trajectories:
+    if missing not in ("error", "split"):
+        raise DataError(f'missing={missing!r}; choose "error" or "split"')
+    if time is not None and dt is not None:
+        raise DataError("both a time column and a step dt were given; give one of them")
+    if not states or len({*states, *inputs}) != len(states) + len(inputs):
+        raise DataError(f"states {states} and inputs {inputs}: at least one state, and no name twice, is needed")
+    runs: list[Trajectory] = []
+    notes: list[str] = []
+    for table in tables:
+        runs += _runs(table, states, inputs, time, dt, gap, missing, notes)
+    return Trajectories(tuple(runs), tuple(states), tuple(inputs), tuple(notes))
+
+
+def _runs(
+    table: _Table,
+    states: list[str],
+    inputs: list[str],
+    time: str | None,
+    dt: float | None,
+    gap: float | None,
+    missing: str,
+    notes: list[str],
+) -> list[Trajectory]:
+    time_name = None if dt is not None else _time_name(table, time, {*states, *inputs})
+    names = [*([time_name] if time_name else []), *states, *inputs]
+    if len(table.frame) < 2:
+        raise DataError(f"{table.name}: {len(table.frame)} rows of data; at least 2 are needed")
+    found = [_find(table, name) for name in names]
+    repaired = [repr(column) for name, column in zip(names, found, strict=True) if column != name]
+    if repaired:
+        notes.append(f"{table.name}: blanks around the names of columns were ignored: {', '.join(repaired)}")
+    values = np.column_stack([_column(table, column, missing == "split") for column in found])
+    good = np.isfinite(values).all(axis=1)
+    if time_name:
+        t, values = values[:, 0], values[:, 1:]
+        _check_order(table, time_name, t, good)
+    else:
+        t = np.arange(len(values)) * _step(dt)
+    cuts = _cuts(table, t, good, gap, notes)
+    runs = [Trajectory(t[a:b], values[a:b, : len(states)], values[a:b, len(states) :]) for a, b in cuts if b - a >= 2]
+    if len(runs) < len(cuts):
+        notes.append(f"{table.name}: {len(cuts) - len(runs)} single sample(s) between gaps were left out")
+    if not runs:
+        raise DataError(f"{table.name}: no two consecutive complete rows; at least 2 are needed")
+    return runs
+
+
+def _step(dt: float | None) -> float:
+    if dt is None or not (np.isfinite(dt) and dt > 0):
+        raise DataError(f"dt = {dt}; needed is a positive step in s")
+    return float(dt)
+
+
+def _time_name(table: _Table, time: str | None, taken: set[str]) -> str:
+    if time is not None:
+        return time
+    found = [str(c).strip() for c in table.frame.columns if str(c).strip().lower() in TIME_NAMES]
+    found = [name for name in found if name not in taken]
+    if not found:
+        raise DataError(f"{table.name}: no time: name its column (time=, --time) or give the step in s (dt=, --dt)")
+    return found[0]
+
+
+def _column(table: _Table, column: Hashable, allow_missing: bool) -> ndarray:
+    """Return one column as floats, or raise the error that names its first bad cell."""
+    series = table.frame[column]
+    numbers = series if pd.api.types.is_numeric_dtype(series) and series.dtype != bool else _parsed(series)
+    values = numbers.to_numpy(dtype=float, na_value=np.nan)
+    bad = ~np.isfinite(values)
+    if allow_missing:
+        bad &= ~(pd.isna(series).to_numpy() | _blank(series))
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        raise DataError(f"{table.name}: {table.label(k)}, column {str(column).strip()!r}: {_complaint(series.iloc[k])}")
+    return values
+
+
+def _parsed(series: pd.Series) -> pd.Series:
+    texts = series.where(series.map(lambda cell: not isinstance(cell, bool)), "")
+    return pd.to_numeric(texts, errors="coerce")
+
+
+def _blank(series: pd.Series) -> ndarray:
+    return series.map(lambda cell: isinstance(cell, str) and not cell.strip()).to_numpy(dtype=bool)
+
+
+def _complaint(cell: Any) -> str:
+    if isinstance(cell, str) and cell.strip():
+        return f"{cell!r} is not a number; correct the cell or leave the column out"
+    if isinstance(cell, float) and np.isinf(cell):
+        return f"{cell} is not finite; correct the cell or cut the row out"
+    if pd.isna(cell) or isinstance(cell, str):
+        return 'the cell is empty or NaN; fill it, or read with missing="split" to start a new trajectory there'
+    return f"{cell!r} is not a finite number"
+
+
+def _find(table: _Table, name: str) -> Hashable:
+    columns = list(table.frame.columns)
+    matches = [column for column in columns if str(column).strip() == name.strip()]
+    exact = [column for column in matches if column == name]
+    if len(matches) > 1 and len(exact) != 1:
+        raise DataError(
+            f"{table.name}: row 1 has {len(matches)} columns named {name!r}; give every column its own name"
+        )
+    if not matches:
+        raise DataError(f"{table.name}: there is no column {name!r}; {_offer(table)}")
+    return (exact or matches)[0]
+
+
+def _offer(table: _Table) -> str:
+    path = Path(table.name)
+    is_csv = path.is_file() and path.suffix != ".parquet"
+    return f"the columns are {', '.join(str(name).strip() for name in (_header(path) if is_csv else table.frame))}"
+
+
+def _check_order(table: _Table, name: str, t: ndarray, good: ndarray) -> None:
+    rows = np.flatnonzero(good)
+    back = np.flatnonzero(np.diff(t[rows]) <= 0)
+    if len(back):
+        k, before = int(rows[back[0] + 1]), float(t[rows[back[0]]])
+        what = "is repeated" if t[k] == before else f"comes after {before!r}"
+        coarse = "keep one row for each time, or give the step dt where the steps are equal and the clock is too coarse"
+        hint = coarse if t[k] == before else "sort the rows by time"
+        raise DataError(f"{table.name}: {table.label(k)}, column {name!r}: time {float(t[k])!r} {what}; {hint}")
+
+
+def _cuts(table: _Table, t: ndarray, good: ndarray, gap: float | None, notes: list[str]) -> list[tuple[int, int]]:
+    """Cut at incomplete rows and at gaps in time; return [start, end) of the pieces and note every cut."""
+    steps = np.diff(t)
+    both = good[:-1] & good[1:]
+    limit = GAP * float(np.median(steps[both])) if gap is None and both.any() else (np.inf if gap is None else gap)
+    far = both & (steps > limit)
+    for k in np.flatnonzero(far):
+        where = f"{table.label(int(k))} to {table.label(int(k) + 1)}"
+        notes.append(f"{table.name}: a gap of {steps[k]:.6g} s from {where}; a new trajectory starts there")
+    for k in np.flatnonzero(~good):
+        notes.append(f"{table.name}: {table.label(int(k))} is incomplete; left out, a new trajectory starts after it")
+    starts = np.flatnonzero(good & np.concatenate([[True], ~good[:-1] | far]))
+    ends = np.flatnonzero(good & np.concatenate([~good[1:] | far, [True]])) + 1
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
