@@ -1,0 +1,60 @@
+"""One file, one answer: read strictly, prove every hypothesis, state what was proved."""
+
+from pathlib import Path
+from typing import Any
+
+from flint import ctx
+
+from persid_check import json_text
+from persid_check.claims import prove_stability
+from persid_check.format import Claimed, Infeasibility, Refutation, read_certificate
+from persid_check.infeasibility import prove_infeasibility
+from persid_check.model import model_sha256
+from persid_check.refutation import prove_refutation
+from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
+
+PRECISION = 192  # bits of the ball arithmetic; every bound is rounded outwards, so this decides sharpness, not truth
+
+Source = bytes | str | Path
+
+
+def check(source: Source, model: Source | None = None, explain: bool = True) -> Result:
+    """Check a certificate: bytes, or the path of a file; with `model`, its hash must be that of the certificate's model.
+
+    Never raises for what a file holds. `explain` fills in the steps of an accepted proof.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    data = _bytes(source)
+    other = None if model is None else _bytes(model)
+    try:
+        with ctx.workprec(PRECISION):
+            claim = read_certificate(json_text.read(data, floats=False))
+            _same_model(claim, None if other is None else json_text.read(other, floats=True))
+            statement, steps = _prove(claim)
+    except FormatError as error:
+        return Malformed(error.where, error.why)
+    except NotProvedError as error:
+        return Rejected(error.where, error.why)
+    return Accepted(claim.subject.claim, statement, steps if explain else ())
+
+
+def _bytes(source: Source) -> bytes:
+    if isinstance(source, bytes):
+        return source
+    with Path(source).open("rb") as file:
+        return file.read(json_text.MAX_BYTES + 1)
+
+
+def _same_model(claim: Claimed, other: Any) -> None:
+    if model_sha256(claim.subject.form) != claim.subject.sha256:
+        raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
+    if other is not None and model_sha256(other) != claim.subject.sha256:
+        raise NotProvedError("model", "the certificate speaks of another model")
+
+
+def _prove(claim: Claimed) -> tuple[str, tuple[str, ...]]:
+    if isinstance(claim, Infeasibility):
+        return prove_infeasibility(claim)
+    return prove_refutation(claim) if isinstance(claim, Refutation) else prove_stability(claim)

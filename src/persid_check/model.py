@@ -1,0 +1,260 @@
+"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: canonical form, hash, channels, groups."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from persid_check.expression import ExpressionError, Program, parse
+from persid_check.results import FormatError
+
+FORMAT = "persid-model-1"
+MAX_STATES = 2000
+MAX_CHANNELS = 10000
+_FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
+_REQUIRED = {"format", "states", "terms", "B"}
+_ZERO = (0.0).hex()
+
+Row = dict[int, Fraction]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One scalar channel a f(r'(x - x_ref)): `row` is r (its nonzero entries), `column` is a."""
+
+    text: str
+    program: Program
+    row: Row
+    column: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Channels whose rows are positive multiples of one row: r_c = alpha r_g, alpha > 0, exactly."""
+
+    row: Row
+    members: tuple[tuple[int, Fraction], ...]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model with its linear terms merged into A0, exactly; every number stands for itself, no rounding."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    x_ref: tuple[Fraction, ...]
+    u_ref: tuple[Fraction, ...]
+    A0: tuple[tuple[Fraction, ...], ...]
+    channels: tuple[Channel, ...]
+    B: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Number of inputs."""
+        return len(self.inputs)
+
+
+def canonical_model(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the canonical form of a model object: all fields present, every number a float.hex() string, no provenance.
+
+    A canonical form is returned unchanged.
+
+    Raises:
+        FormatError: a field is unknown, missing, of the wrong type or shape; the message names the place.
+    """
+    if not isinstance(data, Mapping):
+        raise FormatError("model", "an object is needed")
+    _refuse_fields("model", data, (*_FIELDS, "provenance"), _REQUIRED)
+    if data["format"] != FORMAT:
+        raise FormatError("model.format", f'"{FORMAT}" is needed')
+    states = _names("model.states", data["states"])
+    inputs = _names("model.inputs", data.get("inputs") or [])
+    n, m = len(states), len(inputs)
+    if not 1 <= n <= MAX_STATES or m > MAX_STATES:
+        raise FormatError("model.states", f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
+    return {
+        "format": FORMAT,
+        "states": states,
+        "inputs": inputs,
+        "x_ref": _vector("model.x_ref", data.get("x_ref"), n),
+        "u_ref": _vector("model.u_ref", data.get("u_ref"), m),
+        "A0": _matrix("model.A0", data.get("A0"), n, n),
+        "terms": _terms(data["terms"], n),
+        "B": _matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
+        "b": _vector("model.b", data.get("b"), n),
+        "domain": None if data.get("domain") is None else _matrix("model.domain", data["domain"], n, 2),
+    }
+
+
+def model_sha256(data: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces."""
+    text = json.dumps(canonical_model(data), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def read_model(data: Mapping[str, Any]) -> Model:
+    """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly."""
+    form = canonical_model(data)
+    n = len(form["states"])
+    A0 = [[Fraction(value) for value in row] for row in _floats(form["A0"])]
+    channels: list[Channel] = []
+    for term in form["terms"]:
+        A = _floats(term["A"])
+        for k, (text, row) in enumerate(zip(_texts(term), _rows(term, n), strict=True)):
+            channel = Channel(text, parse(text), row, tuple(line[k] for line in A))
+            if len(channel.program) == 1 and channel.program[0].name == "x":
+                _merge(A0, channel)
+            else:
+                channels.append(channel)
+    B = tuple(tuple(row) for row in _floats(form["B"]))
+    x_ref, u_ref = (tuple(Fraction(float.fromhex(v)) for v in form[name]) for name in ("x_ref", "u_ref"))
+    b = tuple(float.fromhex(v) for v in form["b"])
+    rows = tuple(tuple(row) for row in A0)
+    return Model(tuple(form["states"]), tuple(form["inputs"]), x_ref, u_ref, rows, tuple(channels), B, b)
+
+
+def groups(data: Mapping[str, Any]) -> tuple[Group, ...]:
+    """Return the groups of a model object: a channel joins the first group whose row is a positive multiple of its own."""
+    return groups_of(read_model(data))
+
+
+def groups_of(model: Model) -> tuple[Group, ...]:
+    """Return the groups of a model, in the order of their first channels."""
+    places: dict[tuple[tuple[int, Fraction], ...], int] = {}
+    rows: list[Row] = []
+    members: list[list[tuple[int, Fraction]]] = []
+    for c, channel in enumerate(model.channels):
+        scale = abs(next(iter(channel.row.values()), Fraction(1)))
+        key = tuple((i, value / scale) for i, value in channel.row.items())
+        place = places.setdefault(key, len(rows))
+        if place == len(rows):
+            rows.append(channel.row)
+            members.append([])
+        first = abs(next(iter(rows[place].values()), Fraction(1)))
+        members[place].append((c, scale / first))
+    return tuple(Group(row, tuple(group)) for row, group in zip(rows, members, strict=True))
+
+
+def _merge(A0: list[list[Fraction]], channel: Channel) -> None:
+    for i, a in enumerate(channel.column):
+        for j, r in channel.row.items():
+            A0[i][j] += Fraction(a) * r
+
+
+def _texts(term: Mapping[str, Any]) -> list[str]:
+    return [term["f"]] * len(term["A"][0]) if isinstance(term["f"], str) else term["f"]
+
+
+def _rows(term: Mapping[str, Any], n: int) -> list[Row]:
+    if term["R"] is None:
+        return [{i: Fraction(1)} for i in range(n)]
+    return [{j: Fraction(v) for j, v in enumerate(row) if v} for row in _floats(term["R"])]
+
+
+def _floats(rows: list[list[str]]) -> list[list[float]]:
+    return [[float.fromhex(value) for value in row] for row in rows]
+
+
+def _refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], required: set[str]) -> None:
+    for name in data:
+        if name not in known:
+            raise FormatError(where, f"unknown field {str(name)[:60]!r}; known: {', '.join(known)}")
+    for name in sorted(required):
+        if name not in data:
+            raise FormatError(where, f"the field {name!r} is missing")
+
+
+def _terms(terms: Any, n: int) -> list[dict[str, Any]]:
+    if not isinstance(terms, list) or len(terms) > MAX_CHANNELS:
+        raise FormatError("model.terms", f"a list of at most {MAX_CHANNELS} terms is needed")
+    found = [_term(f"model.terms[{i}]", term, n) for i, term in enumerate(terms)]
+    if sum(len(term["A"][0]) for term in found) > MAX_CHANNELS:
+        raise FormatError("model.terms", f"more than {MAX_CHANNELS} channels")
+    return found
+
+
+def _term(where: str, term: Any, n: int) -> dict[str, Any]:
+    if not isinstance(term, Mapping):
+        raise FormatError(where, "an object with f, R and A is needed")
+    _refuse_fields(where, term, ("f", "R", "A"), {"f", "A"})
+    R = term.get("R")
+    if R is not None and (not isinstance(R, list) or not 1 <= len(R) <= MAX_CHANNELS):
+        raise FormatError(f"{where}.R", "null or a list of rows is needed")
+    k = n if R is None else len(R)
+    texts = [term["f"]] * k if isinstance(term["f"], str) else term["f"]
+    if not isinstance(texts, list) or len(texts) != k:
+        raise FormatError(f"{where}.f", f"one expression, or one per row of R ({k}), is needed")
+    for text in dict.fromkeys(text if isinstance(text, str) else None for text in texts):
+        _refuse_expression(f"{where}.f", text)
+    return {
+        "f": texts[0] if len(set(texts)) == 1 else texts,
+        "R": None if R is None else _matrix(f"{where}.R", R, k, n),
+        "A": _matrix(f"{where}.A", term["A"], n, k),
+    }
+
+
+def _refuse_expression(where: str, text: str | None) -> None:
+    if text is None or not text.isprintable():
+        raise FormatError(where, "an expression is printable text")
+    try:
+        parse(text)
+    except ExpressionError as error:
+        raise FormatError(where, str(error)) from None
+
+
+def _names(where: str, names: Any) -> list[str]:
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise FormatError(where, "a list of names is needed")
+    if len(set(names)) != len(names) or any(not name or len(name) > 200 or not name.isprintable() for name in names):
+        raise FormatError(where, "names are different, printable, and have 1 to 200 characters")
+    return list(names)
+
+
+def _vector(where: str, values: Any, size: int) -> list[str]:
+    if values is None:
+        return [_ZERO] * size
+    if not isinstance(values, list) or len(values) != size:
+        raise FormatError(where, f"a list of {size} numbers is needed")
+    return [_hex(where, value) for value in values]
+
+
+def _matrix(where: str, rows: Any, height: int, width: int) -> list[list[str]]:
+    if rows is None:
+        return [[_ZERO] * width for _ in range(height)]
+    if not isinstance(rows, list) or len(rows) != height:
+        raise FormatError(where, f"a list of {height} rows is needed")
+    return [_vector(f"{where}[{i}]", [] if row is None else row, width) for i, row in enumerate(rows)]
+
+
+def _hex(where: str, value: Any) -> str:
+    """One number as float.hex() text; minus zero becomes zero."""
+    if isinstance(value, str):
+        return _hex_text(where, value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise FormatError(where, f"{str(value)[:40]!r} is not a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise FormatError(where, "an integer is too large for a binary64") from None
+    if not math.isfinite(number):
+        raise FormatError(where, f"{number} is not a finite number")
+    return (number + 0.0).hex()
+
+
+def _hex_text(where: str, text: str) -> str:
+    try:
+        number = float.fromhex(text)
+    except (ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number) or number.hex() != text:
+        raise FormatError(where, f"{text[:40]!r} is not a finite number as float.hex() writes it")
+    return (number + 0.0).hex()

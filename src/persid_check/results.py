@@ -1,0 +1,47 @@
+"""What a check answers: accepted, rejected or malformed; and the two exceptions that carry a refusal to the border."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The claim is proved. `statement` is the checker's own sentence of what was proved; `steps` explain the proof."""
+
+    claim: str
+    statement: str
+    steps: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """The file is well formed and its claim is not proved: `where` names the place, `why` the reason."""
+
+    where: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """The file is not a certificate of the specified format: `where` names the place, `why` the reason."""
+
+    where: str
+    why: str
+
+
+Result = Accepted | Rejected | Malformed
+
+
+class FormatError(ValueError):
+    """Text or an object is not of the specified format; the message names the place."""
+
+    def __init__(self, where: str, why: str) -> None:
+        super().__init__(f"{where}: {why}")
+        self.where, self.why = where, why
+
+
+class NotProvedError(Exception):
+    """A step of the proof fails; caught by `check`, which answers Rejected."""
+
+    def __init__(self, where: str, why: str) -> None:
+        super().__init__(f"{where}: {why}")
+        self.where, self.why = where, why
