@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid_check import model_sha256
 from persid.errors import ModelError
 from persid.files import write_atomically
 from persid.functions import ScalarFunction, scalar_function
@@ -209,6 +208,8 @@ class PersidskiiModel:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
+        from persid_check import model_sha256
+
         return model_sha256(self.to_dict())
 
 

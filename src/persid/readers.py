@@ -121,7 +121,7 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
 def _csv_table(path: Path, columns: list[str], time: str | None, dt: float | None) -> _Table:
     header = _header(path)
     wanted = {*columns, *([time] if time else []), *(TIME_NAMES if dt is None else ())}
-    places = [k for k, name in enumerate(header) if name.strip() in wanted]
+    places = [k for k, name in enumerate(header) if name.strip() in wanted or name.strip().lower() in wanted]
     frame = _numeric_frame(path, header, places)
     return _Table(str(path), frame, lambda k: f"row {k + 2}")
 

@@ -1,0 +1,388 @@
+"""PersidskiiIdentifier: measurements -> PersidskiiModel, in scikit-learn's shape."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_array, check_is_fitted
+
+from persid import diagnostics, fitting, freerun
+from persid.basis import Basis, Functions, make_basis
+from persid.derivatives import embed, local_polynomial
+from persid.diagnostics import FitReport
+from persid.equations import equations
+from persid.errors import DataError, UnderdeterminedError
+from persid.fitting import Problem, Solution
+from persid.gram import refuse_underdetermined
+from persid.koopman import make_lifting, sample_step
+from persid.structure import make_structure
+from persid.trajectories import Trajectories, Trajectory
+from persid.validation import Part, partition, tail, validation_curve
+from persid.weak import choose_window
+
+FUNCTIONS = ("x", "x**3", "sinh(x)", "tanh(x)")
+METHODS = ("weak", "derivative", "edmd")
+HOLDS = ("zoh", "paper")
+FALLBACK_RIDGE = 1e-3  # where a single short run leaves nothing to validate on
+SCORED = 5000  # samples of each held-out tail that are simulated
+SCORED_RUNS = 20
+
+
+class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
+    """Identify x' = A0 (x - x_ref) + sum A f((x - x_ref)/scale) + B (u - u_ref) + b from trajectories. Paper: Sec. 2, Sec. 4.1.
+
+    functions: expressions in x, one list for all states or one list a state; "x" is the linear part.
+    method: "weak" (integrals, Simpson; the default), "derivative" (smoothed finite differences, or x' given as y of
+        `fit`) or "edmd" (the paper's Koopman road).
+    ridge: "auto" (blocked validation on the free-run error) or a strength relative to columns of mean square 1;
+        the constant is never penalised. EDMD takes 0 for "auto".
+    window: samples of a window of the weak form, even; "auto" is the shortest over which the states outrun their noise.
+    x_ref, scale: reference point and scales of the functions' arguments, "auto" or numbers; see `persid.basis`.
+    hold: "zoh", inputs are held from sample to sample, or "paper", they vary between samples.
+    constant: whether there is a b.
+    pattern: boolean n x n, whether state j may influence state i.  shared: one set of coefficients along a chain.
+    derivatives, delays: append smoothed velocities (1), or copies delayed by 1 ... delays samples, to the states.
+    threshold: None, or the share of the largest scaled coefficient of an equation below which coefficients become 0.
+    refine: whether to polish the coefficients by least squares through the differential equation.
+    lifting: more lifting functions for "edmd", as expressions in x.  gamma: "coordinates" or "literal" [eq:Gamma_cal].
+    holdout: the share of every run that is held out for the scores of `report_`.
+    allow_underdetermined: whether to return the smallest of many exact fits instead of refusing.
+
+    After `fit`: model_, report_, gram_, coef_ (n, p), basis_, n_features_in_, n_states_in_, n_inputs_in_.
+    """
+
+    def __init__(
+        self,
+        functions: Functions = FUNCTIONS,
+        *,
+        method: str = "weak",
+        ridge: float | str = "auto",
+        window: int | str = "auto",
+        x_ref: Any = "auto",
+        scale: Any = "auto",
+        hold: str = "zoh",
+        constant: bool = True,
+        pattern: Any = None,
+        shared: bool = False,
+        derivatives: int = 0,
+        delays: int = 0,
+        threshold: float | None = None,
+        refine: bool = False,
+        lifting: Sequence[str] = (),
+        gamma: str = "coordinates",
+        holdout: float = 0.2,
+        allow_underdetermined: bool = False,
+    ) -> None:
+        self.functions = functions
+        self.method = method
+        self.ridge = ridge
+        self.window = window
+        self.x_ref = x_ref
+        self.scale = scale
+        self.hold = hold
+        self.constant = constant
+        self.pattern = pattern
+        self.shared = shared
+        self.derivatives = derivatives
+        self.delays = delays
+        self.threshold = threshold
+        self.refine = refine
+        self.lifting = lifting
+        self.gamma = gamma
+        self.holdout = holdout
+        self.allow_underdetermined = allow_underdetermined
+
+    def fit(
+        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | None = None
+    ) -> "PersidskiiIdentifier":
+        """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them.
+
+        y is x' (N, n) in state units per s for method="derivative", where given, and ignored otherwise; u (N, m), and t
+        or dt in s, go with arrays and DataFrames.
+
+        Raises:
+            DataError: the data or an option cannot be used.
+            UnderdeterminedError: fewer samples than unknown coefficients.
+            GeneratorError: the Koopman matrix has no trustworthy logarithm (method="edmd").
+        """
+        _check_options(self)
+        measured, notes = as_trajectories(X, u, t, dt)
+        data = self._embedded(measured)
+        problem, window = self._problem(data, measured, y)
+        solution = self._solve(problem)
+        self._remember(measured, X)
+        self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, window
+        self.ridge_ = solution.ridge
+        self.coef_ = solution.theta.T
+        self.report_ = self._report(problem, solution, window, (*data.notes, *notes))
+        self.model_ = problem.basis.model(
+            solution.theta, domain=freerun.box(data), provenance=_provenance(self, measured, self.report_)
+        )
+        return self
+
+    def _embedded(self, measured: Trajectories) -> Trajectories:
+        if self.delays:
+            sample_step(measured)
+        return embed(measured, self.derivatives, self.delays, choose_window(measured) if self.derivatives else 2)
+
+    def _problem(self, data: Trajectories, measured: Trajectories, y: Any) -> tuple[Problem, int | None]:
+        basis = make_basis(data, self.functions, self.x_ref, self.scale)
+        structure = make_structure(basis, self.pattern, self.shared, self.constant)
+        parts = partition(data, self.holdout)
+        if self.method == "weak":
+            window = choose_window(data) if self.window == "auto" else int(self.window)
+            _check_window(data, window)
+            return Problem(data, basis, structure, parts, fitting.weak_rows(data, basis, window, self.hold)), window
+        if self.method == "derivative":
+            rows = fitting.slope_rows(data, basis, _slopes(data, measured, y), self.hold)
+        else:
+            lifting = make_lifting(basis, list(self.lifting))
+            rows = fitting.koopman_rows(data, basis, lifting, parts, self.hold, self.gamma)
+        return Problem(data, basis, structure, parts, rows), None
+
+    def _solve(self, problem: Problem) -> Solution:
+        grams = problem.grams()
+        rough = problem.gram(problem.parts, grams, np.inf)
+        if not self.allow_underdetermined:
+            refuse_underdetermined(rough)
+        curve = None
+        if self.ridge == "auto" and self.method != "edmd":
+            curve = validation_curve(problem.data, problem.parts, grams, freerun.box(problem.data), self.hold)
+        ridge = self._strength(curve)
+        gram = problem.gram(problem.parts, grams, ridge)
+        theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
+        theta = self._refined(problem, problem.data, theta, gram, ridge)
+        return Solution(theta, self._held_out(problem, grams, ridge), gram, ridge, curve)
+
+    def _strength(self, curve: Any) -> float:
+        if self.ridge != "auto":
+            return float(self.ridge)
+        return curve.best if curve else 0.0 if self.method == "edmd" else FALLBACK_RIDGE
+
+    def _held_out(self, problem: Problem, grams: list[Any], ridge: float) -> Float[ndarray, "p n"] | None:
+        """Fit again without the tails; an EDMD fit computes its generator again, too."""
+        parts, kept = fitting.training(problem.parts, grams)
+        if len(parts) == len(problem.parts) or sum(gram.rows for gram in kept) < problem.basis.size:
+            return None
+        train = _of_parts(problem.data, parts)
+        if self.method == "edmd":
+            lifting = make_lifting(problem.basis, list(self.lifting))
+            rows = fitting.koopman_rows(problem.data, problem.basis, lifting, parts, self.hold, self.gamma)
+            problem = replace(problem, rows=rows, parts=parts)
+            kept = problem.grams()
+        gram = problem.gram(parts, kept, ridge)
+        theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
+        return self._refined(problem, train, theta, gram, ridge)
+
+    def _refined(self, problem: Problem, data: Trajectories, theta: ndarray, gram: Any, ridge: float) -> ndarray:
+        if not self.refine:
+            return theta
+        from persid.refine import refine
+
+        return refine(data, theta, gram, ridge, self.hold)
+
+    def _report(self, problem: Problem, solution: Solution, window: int | None, notes: tuple[str, ...]) -> FitReport:
+        gram, data = solution.gram, problem.data
+        facts = diagnostics.conditioning(gram, solution.theta)
+        moved = diagnostics.excitation(data, gram)
+        free, step, white = _tail_scores(problem, solution, self.hold)
+        return FitReport(
+            method=self.method,
+            hold=self.hold,
+            window=window,
+            rows=gram.rows,
+            columns=problem.basis.size,
+            rank=facts.rank,
+            ridge=solution.ridge,
+            curve=solution.curve,
+            condition_raw=facts.raw,
+            condition_scaled=facts.scaled,
+            largest_coefficient=facts.largest,
+            largest_name=facts.largest_name,
+            collinear=facts.collinear,
+            constant_columns=facts.constant,
+            coverage=tuple((float(a), float(b)) for a, b in freerun.box(data)),
+            whiteness=white,
+            excitation=moved,
+            free_run=free,
+            one_step=step,
+            notes=notes,
+            warnings=diagnostics.advise(facts, problem.basis.size, moved, free, solution.curve),
+        )
+
+    def _remember(self, measured: Trajectories, X: Any) -> None:
+        self.n_features_in_ = self.n_states_in_ = len(measured.states)
+        self.n_inputs_in_ = len(measured.inputs)
+        if isinstance(X, Trajectories) or hasattr(X, "columns"):
+            self.feature_names_in_ = np.array(measured.states, dtype=object)
+
+    def _known(self, X: Any, u: Any, t: Any, dt: float | None) -> Trajectories:
+        """Return data for a fitted estimator: the same states and inputs, embedded like those of the fit."""
+        check_is_fitted(self, "model_")
+        data, _ = as_trajectories(X, u, t, dt)
+        given = (len(data.states), len(data.inputs))
+        if given != (self.n_states_in_, self.n_inputs_in_):
+            raise DataError(
+                f"X has {given[0]} features, but {type(self).__name__} is expecting {self.n_states_in_} features as "
+                f"input; inputs: {given[1]} given, {self.n_inputs_in_} expected"
+            )
+        return self._embedded(data)
+
+    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | None = None) -> Float[ndarray, "N n"]:
+        """Return, for every sample, the state one step later (all runs one below the other)."""
+        data = self._known(X, u, t, dt)
+        return np.concatenate([freerun.one_step(self.model_.rhs, run, self.hold) for run in data])
+
+    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+        """Simulate the model from x0; a blow-up ends the run, with its time in s in `diverged_at`. See the model's."""
+        check_is_fitted(self, "model_")
+        return self.model_.simulate(x0, t, u)
+
+    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | None = None) -> float:
+        """Return the R2 of free runs over all runs, the mean over states; y is ignored. One-step R2 says nothing."""
+        return freerun.free_run_score(self.model_, self._known(X, u, t, dt), self.hold).r2_mean
+
+    def get_feature_names_out(self, input_features: Any = None) -> ndarray:
+        """Return the names of the columns of `coef_`; `input_features` is ignored."""
+        check_is_fitted(self, "model_")
+        return np.array([column.name for column in self.basis_.columns], dtype=object)
+
+    def equations(self, form: str = "text", digits: int = 4) -> Any:
+        """Return one equation a state, as "text", "latex" or "sympy" (a list of sympy.Eq)."""
+        check_is_fitted(self, "model_")
+        return equations(self.model_, form, digits)
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "model_")
+
+
+def as_trajectories(
+    X: Any, u: Any = None, t: Any = None, dt: float | None = None
+) -> tuple[Trajectories, tuple[str, ...]]:
+    """Return data in any accepted form as Trajectories, with notes on what had to be assumed.
+
+    Raises:
+        DataError: (or scikit-learn's ValueError for a single array) the data cannot be used.
+    """
+    if isinstance(X, Trajectory):
+        X = [X]
+    if isinstance(X, Trajectories) or (isinstance(X, list | tuple) and X and isinstance(X[0], Trajectory)):
+        if u is not None or t is not None or dt is not None:
+            raise DataError("trajectories hold their own inputs and times; u, t and dt go with arrays and tables")
+        return (X if isinstance(X, Trajectories) else _from_runs(X)), ()
+    notes: tuple[str, ...] = ()
+    frames = X if isinstance(X, list | tuple) else [X]
+    if frames and all(hasattr(frame, "columns") for frame in frames):
+        return _from_frames(list(frames), u, t, dt), notes
+    if not (isinstance(X, list | tuple) and X and np.ndim(X[0]) == 2):
+        X = check_array(X, dtype=np.float64, ensure_min_samples=2, input_name="X")
+    if t is None and dt is None:
+        dt, notes = 1.0, ("no times were given; samples are taken to be 1 s apart",)
+    return Trajectories.from_arrays(X, u, t=t, dt=dt), notes
+
+
+def _from_runs(runs: Sequence[Trajectory]) -> Trajectories:
+    n, m = runs[0].x.shape[1], runs[0].u.shape[1]
+    return Trajectories(tuple(runs), tuple(f"x{i + 1}" for i in range(n)), tuple(f"u{k + 1}" for k in range(m)))
+
+
+def _from_frames(frames: list[Any], u: Any, t: Any, dt: float | None) -> Trajectories:
+    import pandas as pd
+
+    if any(column not in frames[0].columns for frame in frames for column in frame.columns):
+        raise DataError("the tables of a list need the same columns")
+    states = [str(column) for column in frames[0].columns]
+    extra = [u] if len(frames) == 1 and not isinstance(u, list | tuple) else (u or [None] * len(frames))
+    joined, inputs = [], []
+    for k, (frame, more) in enumerate(zip(frames, extra, strict=True)):
+        table = more if hasattr(more, "columns") else None if more is None else pd.DataFrame(np.asarray(more))
+        if table is not None and len(table) != len(frame):
+            raise DataError(f"u has {len(table)} rows but x has {len(frame)}; give one input per state sample")
+        inputs = [] if table is None else [c if isinstance(c, str) else f"u{c + 1}" for c in table.columns]
+        frame = frame.set_axis(states, axis=1)
+        if t is not None:
+            frame = frame.set_axis(pd.Index(np.asarray(t if len(frames) == 1 else t[k], float), name="t"), axis=0)
+        joined.append(frame if table is None else frame.assign(**dict(zip(inputs, table.to_numpy().T, strict=True))))
+    timed = t is not None or isinstance(frames[0].index, pd.MultiIndex) or frames[0].index.name in ("t", "time")
+    return Trajectories.from_dataframe(joined, states, inputs, dt=None if timed else (dt or 1.0))
+
+
+def _of_parts(data: Trajectories, parts: Sequence[Part]) -> Trajectories:
+    runs = tuple(data[part.run][part.start : part.stop] for part in parts)
+    return Trajectories(runs, data.states, data.inputs)
+
+
+def _slopes(data: Trajectories, measured: Trajectories, y: Any) -> list[ndarray]:
+    """Return x' at every sample: the one given, or the derivative of local cubics."""
+    if y is None:
+        half = max(2, choose_window(data) // 2)
+        return [local_polynomial(run.t, run.x, half)[1] for run in data]
+    given = y if isinstance(y, list | tuple) else [y]
+    slopes = [np.asarray(dot, float) for dot in given]
+    if data is not measured or [dot.shape for dot in slopes] != [run.x.shape for run in data]:
+        raise DataError("y needs the derivative x' of every measured sample, in the shape of X, and no embedding")
+    return slopes
+
+
+def _tail_scores(
+    problem: Problem, solution: Solution, hold: str
+) -> tuple[freerun.Score | None, freerun.Score | None, tuple[tuple[float, float], ...]]:
+    """Score the fit without the tails on the tails: free runs (at most 5000 samples each), one step, whiteness."""
+    held = tail(problem.data, problem.parts)
+    if held is None or solution.held_out is None:
+        return None, None, ()
+    model = problem.basis.model(solution.held_out)
+    runs = tuple(run[:SCORED] for run in held)
+    held = Trajectories(runs[:SCORED_RUNS], held.states, held.inputs)
+    ahead = [freerun.one_step(model.rhs, run, hold)[:-1] for run in held]
+    after = np.concatenate([run.x[1:] for run in held])
+    guess = np.concatenate(ahead)
+    free = freerun.free_run_score(model, held, hold)
+    return free, freerun.score(after, guess), diagnostics.whiteness(after - guess)
+
+
+def _version() -> str:
+    try:
+        return metadata.version("persid")
+    except metadata.PackageNotFoundError:  # run from a source tree
+        return "unknown"
+
+
+def _provenance(estimator: PersidskiiIdentifier, data: Trajectories, report: FitReport) -> dict[str, Any]:
+    digest = hashlib.sha256()
+    for run in data:
+        for part in (run.t, run.x, run.u):
+            digest.update(np.ascontiguousarray(part).tobytes())
+    figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
+    if report.free_run is not None:
+        figures |= {"free_run_rmse": report.free_run.rmse, "free_run_r2": report.free_run.r2_mean}
+    return {"persid": _version(), "method": estimator.method, "data_sha256": digest.hexdigest(), **figures}
+
+
+def _check_options(estimator: PersidskiiIdentifier) -> None:
+    for name, allowed in (("method", METHODS), ("hold", HOLDS), ("gamma", ("coordinates", "literal"))):
+        if getattr(estimator, name) not in allowed:
+            raise DataError(f"{name}={getattr(estimator, name)!r}; choose one of {', '.join(allowed)}")
+    ridge, window = estimator.ridge, estimator.window
+    if ridge != "auto" and (isinstance(ridge, str) or not (np.isfinite(ridge) and ridge >= 0)):
+        raise DataError(f'ridge={ridge!r}; needed is "auto" or a number >= 0')
+    if window != "auto" and (isinstance(window, str) or window < 2 or int(window) % 2):
+        raise DataError(f'window={window!r}; needed is "auto" or an even number of samples (Simpson\'s rule)')
+    if not 0 <= estimator.holdout <= 0.5:
+        raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
+    if estimator.threshold is not None and not 0 <= estimator.threshold < 1:
+        raise DataError(f"threshold={estimator.threshold!r}; needed is None or a share in [0, 1)")
+    if estimator.method != "edmd" and list(estimator.lifting):
+        raise DataError('lifting= is for method="edmd"; give functions= otherwise')
+
+
+def _check_window(data: Trajectories, window: int) -> None:
+    longest = max(len(run) for run in data)
+    if longest <= window:
+        raise UnderdeterminedError(f"the longest run has {longest} samples; a window of {window} needs {window + 1}")

@@ -1,0 +1,264 @@
+"""The paper's road: lifting, EDMD, the generator as a matrix logarithm, and the coefficients of the vector field.
+
+Rows are samples and psi_next = psi K, the paper's transposed convention [least_square_solution].
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.basis import Basis
+from persid.errors import DataError, GeneratorError
+from persid.functions import ScalarFunction, scalar_function
+from persid.gram import BLOCK, ILL_CONDITIONED, condition_number
+from persid.trajectories import Trajectories, Trajectory
+
+EQUAL_STEPS = 1e-3  # relative spread of the steps up to which a run counts as sampled at equal steps
+SAMPLING_ERROR = 10.0  # with regressed inputs an eigenvalue below this / sqrt(samples) cannot be told from 0
+ALIASING = 0.9  # of half a circle per sample
+VANISHING = 1e-12  # relative to the largest eigenvalue
+
+
+@dataclass(frozen=True, eq=False)
+class Lifting:
+    """Lifting functions psi: coordinates x - x_ref, the basis functions, further functions, inputs, 1. Paper: Sec. 2.1.
+
+    Each function depends on one coordinate of (x, u) alone; `extra[i]` are the further ones of state i. The first n
+    functions are the coordinates, the last m + 1 the inputs and the constant.
+    """
+
+    basis: Basis
+    extra: tuple[tuple[ScalarFunction, ...], ...] = ()
+
+    @cached_property
+    def _functions(self) -> tuple[int, ...]:
+        """Columns of the basis that are functions; its linear ones are among the coordinates already."""
+        return tuple(k for k, c in enumerate(self.basis.columns[: self.basis.state_columns]) if c.kind == "function")
+
+    @cached_property
+    def owner(self) -> tuple[int, ...]:
+        """The coordinate of chi = (x, u) that each function depends on, -1 for the constant."""
+        n, m = len(self.basis.states), len(self.basis.inputs)
+        extra = [i for i, functions in enumerate(self.extra) for _ in functions]
+        return (*range(n), *(int(self.basis.owner[k]) for k in self._functions), *extra, *range(n, n + m), -1)
+
+    @property
+    def size(self) -> int:
+        """Number of lifting functions."""
+        return len(self.owner)
+
+    def values(self, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]) -> Float[ndarray, "N l"]:
+        """Return psi at every sample."""
+        y = (x - self.basis.x_ref) / self.basis.scale
+        extra = [f.value(y[:, i]) for i, functions in enumerate(self.extra) for f in functions]
+        functions = self.basis.values(x)[:, list(self._functions)]
+        return np.column_stack([x - self.basis.x_ref, functions, *extra, u - self.basis.u_ref, np.ones(len(x))])
+
+    def slopes(self, x: Float[ndarray, "N n"]) -> Float[ndarray, "N l"]:
+        """Return the derivative of every function by its own coordinate."""
+        y = (x - self.basis.x_ref) / self.basis.scale
+        extra = [
+            f.derivative(y[:, i]) / self.basis.scale[i] for i, functions in enumerate(self.extra) for f in functions
+        ]
+        functions = self.basis.slopes(x)[:, list(self._functions)]
+        inputs = np.ones((len(x), len(self.basis.inputs)))
+        return np.column_stack([np.ones_like(x), functions, *extra, inputs, np.zeros(len(x))])
+
+    def columns(self, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]) -> Float[ndarray, "N p"]:
+        """Return the basis functions G of the vector field, inputs and constant among them."""
+        return np.column_stack([self.basis.values(x), u - self.basis.u_ref, np.ones(len(x))])
+
+
+def make_lifting(basis: Basis, extra: tuple[str, ...] | list[str] = ()) -> Lifting:
+    """Return the default lifting of a basis, with further functions of every (x_i - x_ref_i)/scale_i."""
+    functions = tuple(scalar_function(text) for text in extra)
+    return Lifting(basis, (functions,) * len(basis.states) if functions else ())
+
+
+def snapshot_pairs(run: Trajectory, lifting: Lifting, hold: str) -> Iterator[tuple[ndarray, ndarray]]:
+    """Yield blocks of (psi, psi_next); hold="zoh" pairs (x_k, u_k) with (x_{k+1}, u_k), "paper" with (x_{k+1}, u_{k+1})."""
+    for begin in range(0, len(run) - 1, BLOCK):
+        piece = run[begin : min(begin + BLOCK, len(run) - 1) + 1]
+        after = piece.u[:-1] if hold == "zoh" else piece.u[1:]
+        yield lifting.values(piece.x[:-1], piece.u[:-1]), lifting.values(piece.x[1:], after)
+
+
+def sample_step(data: Trajectories) -> float:
+    """Return the step in s of equally sampled runs, or raise DataError: EDMD and delays need one."""
+    steps = np.concatenate([np.diff(run.t) for run in data])
+    low, high = float(steps.min()), float(steps.max())
+    if high - low > EQUAL_STEPS * high:
+        raise DataError(f'EDMD needs equal steps; these go from {low:.6g} to {high:.6g} s. Use method="weak"')
+    return float(np.median(steps))
+
+
+def edmd(data: Trajectories, lifting: Lifting, hold: str = "zoh") -> Float[ndarray, "l l"]:
+    """Return the Koopman matrix K = pinv(Psi) Psi_next for psi_next = psi K.
+
+    Paper: least_square_solution (Sec. 2.3). One pass over the samples; a second one by QR where the scaled Gram matrix
+    is ill-conditioned.
+
+    Raises:
+        DataError: the samples do not determine K: a lifting function is a combination of the others on them.
+    """
+    M, C, total = np.zeros((lifting.size, lifting.size)), np.zeros((lifting.size, lifting.size)), 0
+    for run in data:
+        for psi, after in snapshot_pairs(run, lifting, hold):
+            M += psi.T @ psi
+            C += psi.T @ after
+            total += len(psi)
+    d = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
+    condition = condition_number(M / np.outer(d, d))
+    if condition < ILL_CONDITIONED:
+        return np.linalg.solve(M / np.outer(d, d), C / d[:, None]) / d[:, None]
+    return _edmd_by_qr(data, lifting, hold, d)
+
+
+def _edmd_by_qr(data: Trajectories, lifting: Lifting, hold: str, d: ndarray) -> ndarray:
+    root, size = np.zeros((0, 2 * lifting.size)), lifting.size
+    for run in data:
+        for psi, after in snapshot_pairs(run, lifting, hold):
+            root = np.linalg.qr(np.vstack([root, np.hstack([psi / d, after])]), mode="r")[: 2 * size]
+    U, s, Vt = np.linalg.svd(root[:, :size], full_matrices=False)
+    if len(s) < size or s[-1] < np.finfo(float).eps * size * s[0]:
+        raise DataError(
+            f"the samples determine only {int((s > np.finfo(float).eps * size * s[0]).sum())} of {size} lifting functions; "
+            "an input that never varies, or too few samples, does that: leave functions or inputs out, or add data"
+        )
+    return (Vt.T / s @ U.T @ root[:, size:]) / d[:, None]
+
+
+def koopman_generator(
+    K: Float[ndarray, "l l"], dt: float, *, samples: int | None = None, hold: str = "zoh"
+) -> Float[ndarray, "l l"]:
+    """Return L = log(K)/dt in 1/s, or refuse where K has no trustworthy real logarithm.
+
+    Paper: eq:log_K (Sec. 2.2). `samples` is the number of pairs behind K; with hold="paper" the rows of the inputs are
+    regressed, and an eigenvalue below 10/sqrt(samples) cannot be told from 0.
+
+    Raises:
+        GeneratorError: an eigenvalue is zero, negative, not to be told from that, or turns near half a circle a sample.
+    """
+    from scipy.linalg import logm
+
+    values = np.linalg.eigvals(K)
+    limit = SAMPLING_ERROR / np.sqrt(samples) if hold == "paper" and samples else 0.0
+    _diagnose(values, max(limit, VANISHING * float(np.abs(values).max())), dt)
+    L = logm(K)
+    if np.iscomplexobj(L):
+        if np.abs(L.imag).max() > 1e-8 * (1 + np.abs(L.real).max()):
+            raise GeneratorError(_refusal("the logarithm is complex", values, dt))
+        L = L.real
+    return L / dt
+
+
+def _diagnose(values: ndarray, limit: float, dt: float) -> None:
+    small = values[np.abs(values) <= limit]
+    if len(small):
+        worst = small[np.argmin(np.abs(small))]
+        why = f"the eigenvalue {_show(worst)} cannot be told from 0 (limit {limit:.2g})"
+        raise GeneratorError(_refusal(why, values, dt))
+    angles = np.abs(np.angle(values))
+    k = int(angles.argmax())
+    if angles[k] >= np.pi - 1e-9:
+        raise GeneratorError(_refusal(f"the eigenvalue {_show(values[k])} is real and negative", values, dt))
+    if angles[k] > ALIASING * np.pi:
+        turn = f"turns {angles[k] / np.pi:.2f} of half a circle per sample: aliasing"
+        raise GeneratorError(_refusal(f"the eigenvalue {_show(values[k])} {turn}", values, dt))
+
+
+def _refusal(why: str, values: ndarray, dt: float) -> str:
+    return (
+        f"the Koopman matrix has no trustworthy logarithm: {why}. Spectrum: {spectrum_in_words(values, dt)}. "
+        'Try hold="zoh" where inputs are held, fewer lifting functions, a shorter sampling step, or method="weak", '
+        "which needs no logarithm"
+    )
+
+
+def _show(value: complex) -> str:
+    return f"{value.real:.3g}" if abs(value.imag) < 1e-12 else f"{value.real:.3g}{value.imag:+.3g}i"
+
+
+def spectrum_in_words(values: ndarray, dt: float) -> str:
+    """Describe eigenvalues of a Koopman matrix: how many of each kind, and the slowest and fastest decay."""
+    size, angle = np.abs(values), np.abs(np.angle(values))
+    negative = int((angle >= np.pi - 1e-9).sum())
+    turning = int(((angle > 1e-9) & (angle < np.pi - 1e-9)).sum())
+    text = f"{len(values)} eigenvalues, {negative} negative, {turning} complex, moduli from {size.min():.3g} to {size.max():.3g}"
+    outside = int((size > 1 + 1e-9).sum())
+    fastest = f"the fastest decays in {-dt / np.log(size.min()):.3g} s" if 0 < size.min() < 1 else "none decays"
+    return f"{text} ({outside} above 1), {fastest}"
+
+
+def elementary_generators(
+    lifting: Lifting, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]
+) -> Float[ndarray, "c p l l"]:
+    """Return L_ij,rep for every coordinate i of chi and basis function j: G_j d/dchi_i projected on span(psi) on samples.
+
+    Paper: L_rep_sum (Sec. 2.2). For small cases: the array holds (n+m) p l^2 numbers.
+    """
+    psi, columns = lifting.values(x, u), lifting.columns(x, u)
+    slopes, inverse = lifting.slopes(x), np.linalg.pinv(psi)
+    c = len(lifting.basis.states) + len(lifting.basis.inputs)
+    out = np.zeros((c, columns.shape[1], lifting.size, lifting.size))
+    for k, i in enumerate(lifting.owner):
+        if i >= 0:
+            out[i, :, :, k] = (inverse @ (columns * slopes[:, k : k + 1])).T
+    return out
+
+
+def gamma(
+    L: Float[ndarray, "l l"],
+    lifting: Lifting,
+    x: Float[ndarray, "N n"],
+    u: Float[ndarray, "N m"],
+    reading: str = "coordinates",
+) -> Float[ndarray, "n p"]:
+    """Return the coefficients lambda_ij of F_i = sum_j lambda_ij G_j for the states (rows of u' are dropped).
+
+    Paper: eq:Gamma_cal (Sec. 2.2). "coordinates" uses the columns of L that belong to x_i, F_i = L x_i, projected on the
+    G_j; "literal" is the pseudoinverse over all columns of vec(L). Each lifting function depends on one coordinate, so
+    that the literal problem falls apart into one small problem a state and needs no array of l^2 (n+m) p numbers.
+    """
+    n = len(lifting.basis.states)
+    psi, columns = lifting.values(x, u), lifting.columns(x, u)
+    if reading == "coordinates":
+        return np.linalg.lstsq(columns, psi @ L[:, :n], rcond=None)[0].T
+    if reading != "literal":
+        raise DataError(f'gamma={reading!r}; choose "coordinates" or "literal"')
+    slopes, inverse = lifting.slopes(x), np.linalg.pinv(psi)
+    rows = []
+    for i in range(n):
+        mine = [k for k, owner in enumerate(lifting.owner) if owner == i]
+        stacked = np.vstack([inverse @ (columns * slopes[:, k : k + 1]) for k in mine])
+        rows.append(np.linalg.pinv(stacked) @ np.concatenate([L[:, k] for k in mine]))
+    return np.array(rows)
+
+
+def extract(coefficients: Float[ndarray, " g"], n: int, m: int, M: int) -> tuple[list[ndarray], ndarray]:
+    """Return Gamma_1 ... Gamma_M (n x n) and B (n x m) of the vector Gamma of all lambda_ij.
+
+    Paper: eq:compute_parameters_B_Gamma (Sec. 4.1); the index matrices E_j' and B~ are this reshape.
+    """
+    table = np.asarray(coefficients, float).reshape(n + m, n * M + m)[:n]
+    return [table[:, j * n : (j + 1) * n] for j in range(M)], table[:, n * M :]
+
+
+def index_matrices(n: int, m: int, M: int) -> tuple[list[Float[ndarray, "a b"]], Float[ndarray, "c b"]]:
+    """Return the paper's E_1 ... E_M and B~, entry by entry as printed. Paper: eq:compute_parameters_B_Gamma."""
+    width = n * M + m
+    total = (n + m) * width
+    E = [np.zeros((n * n, total)) for _ in range(M)]
+    for j in range(1, M + 1):
+        for a in range(1, n * n + 1):
+            b = a // n * width + (j - 1) * n + a % n if a % n else (a // n - 1) * width + j * n
+            E[j - 1][a - 1, b - 1] = 1
+    Bt = np.zeros((m * n, total))
+    for c in range(1, m * n + 1):
+        d = c // m * width + n * M + c % m if c % m else c // m * width
+        Bt[c - 1, d - 1] = 1
+    return E, Bt
