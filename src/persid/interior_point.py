@@ -1,0 +1,371 @@
+r"""A structured primal-dual interior-point method for sector-form matrix inequalities.
+
+    maximise t   subject to   Z = -sum_k y_k F_k - t I >= 0,   P(y) >= 0,   y_k >= 0 (multipliers),   c'y = 1      (D)
+    minimise m   subject to   x_k = <F_k, X> - <E_k, U> + m c_k >= 0 (= 0 for entries of P),  X, U >= 0,  tr X = 1 (P)
+
+Every unknown enters through *pairs* of rows of one matrix D:  F_k = sum over its pairs of  d_p d_q' + d_q d_p'.  So with
+Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is made of elementwise products of blocks,
+
+    tr(F_k X F_l Z^-1) = Y[q,r] V[p,s] + Y[q,s] V[p,r] + Y[p,r] V[q,s] + Y[p,s] V[q,r]      for k = (p, q), l = (r, s),
+
+and no F_k is ever formed. Strictly feasible starts exist on both sides, hence no phase 1: at every iterate t is a lower
+and m an upper bound of the optimal margin, and the sign of the margin is known as soon as t > 0 or m < 0.
+References: Helmberg, Rendl, Vanderbei & Wolkowicz (1996), SIAM J. Optim. 6(2); Mehrotra (1992), SIAM J. Optim. 2(4).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy import sparse
+
+BLOCK = 512  # rows of the Schur complement made at once: bounds the memory
+
+
+class Status(Enum):
+    """Why the method stopped, as a full sentence."""
+
+    FEASIBLE = "A strictly feasible point was found."
+    INFEASIBLE = "A dual matrix shows that no feasible point exists in this family."
+    STALLED = "The bounds met, or steps became too short, before the sign of the margin was decided."
+    TIME = "The time limit was reached."
+    INTERRUPTED = "The run was interrupted; the best point so far is kept."
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Data of (D). D = [S; H], S sparse, H dense; pair k is (p[k], q[k]) with p[k] always a row of S.
+
+    Unknown j sums the pairs of column j of `tie` (None: one pair each). The first `symmetric`(`symmetric` + 1)/2
+    unknowns are the upper triangle of a symmetric matrix P, entry (i, j) standing for e_i e_j' + e_j e_i'; 0 without P.
+    `cost` is c; `X` a positive definite matrix with <F_k, X> > 0 for every unknown of zero cost.
+    """
+
+    S: sparse.csr_array
+    H: Float[ndarray, "h N"]
+    p: Int[ndarray, " K"]
+    q: Int[ndarray, " K"]
+    cost: Float[ndarray, " J"]
+    X: Float[ndarray, "N N"]
+    symmetric: int = 0
+    tie: sparse.csr_array | None = None
+
+    @property
+    def order(self) -> int:
+        """Order of the matrix inequality."""
+        return self.H.shape[1]
+
+    @property
+    def free(self) -> int:
+        """Number of unknowns that are entries of P."""
+        return self.symmetric * (self.symmetric + 1) // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The last iterate: lower <= optimal margin <= upper; `X` is the dual matrix, `log` one line per iteration."""
+
+    status: Status
+    y: Float[ndarray, " J"]
+    lower: float
+    upper: float
+    X: Float[ndarray, "N N"]
+    log: tuple[str, ...]
+
+
+def solve(
+    problem: Problem, *, time_limit: float = np.inf, quality: float = 0.5, iterations: int = 80
+) -> Solution:
+    """Decide the sign of the optimal margin; a feasible answer has t >= quality * m where the method gets that far."""
+    state = _start(problem)
+    started, log, status = time.perf_counter(), [], Status.STALLED
+    try:
+        for count in range(iterations):
+            log.append(f"{count:3d}  t = {state.t: .3e}  m = {state.m: .3e}  mu = {state.mu:.1e}")
+            if state.m < 0:
+                status = Status.INFEASIBLE
+                break
+            if state.t > quality * state.m:
+                break
+            if time.perf_counter() - started > time_limit:
+                status = Status.TIME
+                break
+            following = _iterate(problem, state)
+            if following is None or state.m - state.t < 1e-13:
+                break
+            state = following
+    except KeyboardInterrupt:
+        status = Status.INTERRUPTED
+    if state.t > 0:
+        status = Status.FEASIBLE
+    return Solution(status, state.y, state.t, state.m, state.X, tuple(log))
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Primal X, U, x, m and dual y, t with the Cholesky factors of Z and P(y)."""
+
+    problem: Problem
+    y: ndarray
+    t: float
+    m: float
+    X: ndarray
+    U: ndarray
+    x: ndarray
+    Z: ndarray = field(init=False)
+    P: ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "Z", -combine(self.problem, self.y) - self.t * np.eye(self.problem.order))
+        object.__setattr__(self, "P", unpack(self.problem, self.y))
+
+    @property
+    def s(self) -> ndarray:
+        return self.y[self.problem.free :]
+
+    @property
+    def mu(self) -> float:
+        """Mean complementarity."""
+        gap = np.vdot(self.X, self.Z) + np.vdot(self.U, self.P) + self.x @ self.s
+        return float(gap) / (self.problem.order + self.problem.symmetric + len(self.x))
+
+
+def combine(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "N N"]:
+    """Return sum_k y_k F_k."""
+    weights = y if problem.tie is None else problem.tie @ y
+    rows = problem.S.shape[0]
+    inside = problem.q < rows
+    outside = ~inside
+    W = sparse.coo_array((weights[inside], (problem.p[inside], problem.q[inside])), shape=(rows, rows)).tocsr()
+    half = (problem.S.T @ (W @ problem.S)).toarray()
+    if outside.any():
+        index = (problem.q[outside] - rows, problem.p[outside])
+        W = sparse.coo_array((weights[outside], index), shape=(len(problem.H), rows)).tocsr()
+        half += (W @ problem.S).T @ problem.H
+    return half + half.T
+
+
+def unpack(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
+    """Return the matrix P(y)."""
+    P = np.zeros((problem.symmetric, problem.symmetric))
+    P[np.triu_indices(problem.symmetric)] = y[: problem.free]
+    return P + P.T
+
+
+def _pack(problem: Problem, M: ndarray) -> ndarray:
+    """Return <E_k, M> for the entries of P, M symmetric."""
+    return 2 * M[np.triu_indices(problem.symmetric)]
+
+
+def _sandwich(problem: Problem, M: ndarray) -> ndarray:
+    """Return D M D' for a symmetric M."""
+    SM, HM = problem.S @ M, problem.H @ M
+    SS, SH = (problem.S @ SM.T).T, SM @ problem.H.T
+    return np.block([[SS, SH], [SH.T, HM @ problem.H.T]])
+
+
+def pairings(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
+    """Return <F_k, M> for every unknown, M symmetric."""
+    products = 2 * _sandwich(problem, M)[problem.p, problem.q]
+    return products if problem.tie is None else problem.tie.T @ products
+
+
+def _schur(problem: Problem, Y: ndarray, V: ndarray) -> ndarray:
+    """Return the matrix of tr(F_k X F_l Z^-1), a block of rows at a time."""
+    p, q = problem.p, problem.q
+    M = np.empty((len(p), len(p)))
+    for start in range(0, len(p), BLOCK):
+        rows = slice(start, start + BLOCK)
+        Yp, Yq, Vp, Vq = Y[p[rows]], Y[q[rows]], V[p[rows]], V[q[rows]]
+        M[rows] = Yq[:, p] * Vp[:, q]
+        M[rows] += Yq[:, q] * Vp[:, p]
+        M[rows] += Yp[:, p] * Vq[:, q]
+        M[rows] += Yp[:, q] * Vq[:, p]
+    return M if problem.tie is None else problem.tie.T @ (problem.tie.T @ M).T
+
+
+def _schur_of_P(problem: Problem, U: ndarray, P_inverse: ndarray) -> ndarray:
+    """Return the matrix of tr(E_k U E_l P^-1)."""
+    i, j = np.triu_indices(problem.symmetric)
+
+    def part(a: ndarray, b: ndarray) -> ndarray:
+        return U[np.ix_(a, b)]
+
+    def inverse(a: ndarray, b: ndarray) -> ndarray:
+        return P_inverse[np.ix_(a, b)]
+
+    return part(j, i) * inverse(i, j) + part(j, j) * inverse(i, i) + part(i, i) * inverse(j, j) + part(i, j) * inverse(j, i)
+
+
+def _start(problem: Problem) -> _State:
+    """Strictly feasible on both sides: y uniform with t very negative; X as given with U, x, m to match."""
+    J, k = len(problem.cost), problem.symmetric
+    y = np.full(J, 1.0)
+    y[: problem.free] = np.eye(k)[np.triu_indices(k)] / 2
+    y /= problem.cost @ y
+    largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
+    t = -largest - max(abs(largest), 1.0 / J)
+    X = problem.X / np.trace(problem.X)
+    paired = pairings(problem, X)
+    W = np.zeros((k, k))
+    W[np.triu_indices(k)] = paired[: problem.free] / 2
+    W = W + W.T - np.diag(np.diag(W))  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
+    needed = [0.0]
+    if k:
+        needed.append(-float(np.linalg.eigvalsh(W)[0]))
+    costly = problem.cost[problem.free :] > 0
+    needed += list(-(paired[problem.free :] / np.where(costly, problem.cost[problem.free :], 1))[costly])
+    m = max(needed) + max(1.0 / J, 0.5 * max(needed))
+    x = paired[problem.free :] + m * problem.cost[problem.free :]
+    return _State(problem, y, float(t), float(m), X, W + m * np.eye(k), x)
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    y: ndarray
+    t: float
+    m: float
+    X: ndarray
+    U: ndarray
+    x: ndarray
+    Z: ndarray
+    P: ndarray
+
+
+def _symmetric(M: ndarray) -> ndarray:
+    return 0.5 * (M + M.T)
+
+
+def _inverse(M: ndarray) -> ndarray:
+    factor = sla.cho_factor(M, lower=True)
+    return _symmetric(sla.cho_solve(factor, np.eye(len(M))))
+
+
+def _iterate(problem: Problem, state: _State) -> _State | None:
+    """One predictor-corrector step; None when the linear algebra gives out."""
+    try:
+        Z_inverse, P_inverse = _inverse(state.Z), _inverse(state.P)
+        direction = _newton(problem, state, Z_inverse, P_inverse)
+        predicted = direction(0.0, None)
+        a, b = _steps(state, predicted)
+        gap = (
+            np.vdot(state.X + a * predicted.X, state.Z + b * predicted.Z)
+            + np.vdot(state.U + a * predicted.U, state.P + b * predicted.P)
+            + (state.x + a * predicted.x) @ (state.s + b * predicted.y[problem.free :])
+        )
+        size = problem.order + problem.symmetric + len(state.x)
+        sigma = min(1.0, max(gap / size / state.mu, 1e-6) ** 2)
+        corrected = direction(sigma * state.mu, predicted)
+        a, b = _steps(state, corrected)
+    except (sla.LinAlgError, ValueError):
+        return None
+    if max(a, b) < 1e-7:
+        return None
+    return _State(
+        problem,
+        state.y + b * corrected.y,
+        state.t + b * corrected.t,
+        state.m + a * corrected.m,
+        state.X + a * corrected.X,
+        state.U + a * corrected.U,
+        state.x + a * corrected.x,
+    )
+
+
+def _newton(
+    problem: Problem, state: _State, Z_inverse: ndarray, P_inverse: ndarray
+) -> Callable[[float, _Direction | None], _Direction]:
+    """Factor the Newton system once; return the direction for a target mu and an optional second-order correction."""
+    free, c = problem.free, problem.cost
+    ratio = state.x / state.s
+    M = _schur(problem, _sandwich(problem, state.X), _sandwich(problem, Z_inverse))
+    M[:free, :free] += _schur_of_P(problem, state.U, P_inverse)
+    M[range(free, len(c)), range(free, len(c))] += ratio
+    scale = 1 / np.sqrt(np.diag(M))
+    M *= scale
+    M *= scale[:, None]
+    factor = sla.cho_factor(M, lower=True, overwrite_a=True, check_finite=False)
+
+    def back(v: ndarray) -> ndarray:
+        return scale * sla.cho_solve(factor, scale * v, check_finite=False)
+
+    XZ = _symmetric(state.X @ Z_inverse)
+    g = pairings(problem, XZ)
+    Mg, Mc = back(g), back(c)
+    border = np.array([[c @ Mg, c @ Mc], [np.trace(XZ) - g @ Mg, -(g @ Mc)]])
+    defect = pairings(problem, state.X) + state.m * c  # rounding errors of the equalities, corrected as we go
+    defect[:free] -= _pack(problem, state.U)
+    defect[free:] -= state.x
+
+    def direction(target: float, second: _Direction | None) -> _Direction:
+        C, CU, cx = target * Z_inverse - state.X, target * P_inverse - state.U, target / state.s - state.x
+        if second is not None:
+            C = C - _symmetric(second.X @ second.Z @ Z_inverse)
+            CU = CU - _symmetric(second.U @ second.P @ P_inverse)
+            cx = cx - second.x * second.y[free:] / state.s
+        r = -pairings(problem, C) - defect
+        r[:free] += _pack(problem, CU)
+        r[free:] += cx
+        Mr = back(r)
+        trace_defect = np.trace(state.X) - 1
+        dt, dm = np.linalg.solve(border, [c @ Mr, -np.trace(C) - trace_defect - g @ Mr])
+        dy = Mr - Mg * dt - Mc * dm
+        F, dP = combine(problem, dy), unpack(problem, dy)
+        dX = C + _symmetric(state.X @ F @ Z_inverse) + dt * XZ
+        dU = CU - _symmetric(state.U @ dP @ P_inverse)
+        dx = cx - ratio * dy[free:]
+        return _Direction(dy, float(dt), float(dm), dX, dU, dx, -F - dt * np.eye(problem.order), dP)
+
+    return direction
+
+
+def _steps(state: _State, d: _Direction) -> tuple[float, float]:
+    """Return the primal and the dual step length, a fixed share of the way to the boundary."""
+    free = state.problem.free
+    primal = min(_to_boundary(state.X, d.X), _to_boundary(state.U, d.U), _ratio(state.x, d.x))
+    dual = min(_to_boundary(state.Z, d.Z), _to_boundary(state.P, d.P), _ratio(state.s, d.y[free:]))
+    return min(1.0, 0.95 * primal), min(1.0, 0.95 * dual)
+
+
+def _ratio(v: ndarray, dv: ndarray) -> float:
+    falling = dv < 0
+    return float((-v[falling] / dv[falling]).min()) if falling.any() else np.inf
+
+
+def _to_boundary(M: ndarray, dM: ndarray) -> float:
+    """Return the largest a with M + a dM >= 0, to a few percent, by Lanczos on L^-1 dM L^-T (M = L L')."""
+    if not len(M):
+        return np.inf
+    L = np.linalg.cholesky(M)
+    if len(M) <= 64:
+        half = sla.solve_triangular(L, dM, lower=True)
+        smallest = float(sla.eigvalsh(sla.solve_triangular(L, half.T, lower=True))[0])
+    else:
+        smallest = _lanczos_smallest(L, dM)
+    return -1 / smallest if smallest < 0 else np.inf
+
+
+def _lanczos_smallest(L: ndarray, dM: ndarray, steps: int = 30) -> float:
+    """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
+    v = np.random.default_rng(0).normal(size=len(L))
+    basis, alphas, betas = [v / np.linalg.norm(v)], [], []
+    for step in range(steps):
+        w = sla.solve_triangular(L, basis[-1], lower=True, trans="T", check_finite=False)
+        w = sla.solve_triangular(L, dM @ w, lower=True, check_finite=False)
+        alphas.append(float(w @ basis[-1]))
+        Q = np.array(basis)
+        w -= Q.T @ (Q @ w)
+        w -= Q.T @ (Q @ w)
+        betas.append(float(np.linalg.norm(w)))
+        if step >= 5 or betas[-1] < 1e-12:
+            values, vectors = sla.eigh_tridiagonal(alphas, betas[:-1])
+            residual = betas[-1] * abs(vectors[-1, 0])
+            if residual <= 0.02 * abs(values[0]) + 1e-9:
+                return float(values[0] - residual)
+        basis.append(w / betas[-1])
+    return float(values[0] - residual)

@@ -1,0 +1,80 @@
+"""Search for the multipliers of a system: grow the families of forms until the sign of the margin is decided.
+
+A group's pool holds dozens of forms and hundreds of products, of which a certificate uses a few. So the problem is
+solved with a few of them; while it is infeasible, its dual matrix X prices the others (a product l_k l_l may help if
+and only if l_k'N X N'l_l < 0), the most promising join, and it is solved again. When none is left to join, X proves
+that the whole pool has no certificate.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.interior_point import Solution, Status, solve
+from persid.lmi import Assembly, Family, System, assemble
+
+FIRST_FORMS = 6  # forms of a pool that the search begins with
+JOINING = 8  # products, and half as many densities, that may join a group in one round
+ROUNDS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How a search ended: the last problem and its solution, and how often it was solved."""
+
+    assembly: Assembly
+    solution: Solution
+    rounds: int
+
+    @property
+    def status(self) -> Status:
+        """Why the search stopped."""
+        return self.solution.status
+
+
+def search(
+    system: System,
+    pools: tuple[Float[ndarray, "K d"], ...],
+    *,
+    full_P: bool = False,
+    time_limit: float = np.inf,
+    progress: Callable[[str], None] | None = None,
+) -> Outcome:
+    """Find multipliers with positive margin, or a dual matrix against every form and product of the pools."""
+    started = time.perf_counter()
+    families = tuple(Family.full(pool[:FIRST_FORMS]).within(pool) for pool in pools)
+    for count in range(1, ROUNDS + 1):
+        assembly = assemble(system, families, full_P=full_P)
+        solution = solve(assembly.problem, time_limit=time_limit - (time.perf_counter() - started))
+        if progress is not None:
+            progress(f"round {count}: {len(assembly.problem.cost)} unknowns, {len(solution.log)} iterations, {solution.status.name}")
+        if solution.status is not Status.INFEASIBLE:
+            break
+        grown = tuple(join(assembly, g, solution) for g in range(len(families)))
+        if all(len(new.products) == len(old.products) and len(new.densities) == len(old.densities)
+               for new, old in zip(grown, families, strict=True)):
+            break
+        families = grown
+    return Outcome(assembly, solution, count)
+
+
+def join(assembly: Assembly, g: int, solution: Solution) -> Family:
+    """Return group g's family with the products and densities of its pool that the dual matrix prices lowest."""
+    system, family, group = assembly.system, assembly.families[g], assembly.system.groups[g]
+    rows = system.lift(group, family.forms) * assembly.units.entries
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    price = rows @ solution.X @ rows.T
+    candidates = np.triu(price, 1)
+    candidates[tuple(np.array(family.products, int).reshape(-1, 2).T)] = 0.0
+    k, j = np.unravel_index(np.argsort(candidates, axis=None)[:JOINING], candidates.shape)
+    products = tuple((int(a), int(b)) for a, b in zip(k, j, strict=True) if candidates[a, b] < 0)
+    gradient = group.row @ system.G * assembly.units.entries / assembly.units.rate
+    gradient /= np.linalg.norm(gradient) or 1.0
+    worth = 2 * rows @ solution.X @ gradient + solution.upper
+    worth[list(family.densities)] = 0.0
+    densities = tuple(int(a) for a in np.argsort(worth)[: JOINING // 2] if worth[a] < 0)
+    return Family(family.forms, family.densities + densities, family.products + products)

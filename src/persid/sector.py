@@ -1,0 +1,177 @@
+"""Groups of channels and their sector forms: what a proof may use about the functions of a model.
+
+Channels whose argument rows agree up to a positive factor form a group with phi(y) = (y, f_1(a_1 y), …, f_J(a_J y)).
+A *sector form* is a vector l with y * l'phi(y) >= 0 on the domain. The forms of a group are the dual cone of the curve
+sign(y) phi(y), so the sharpest ones are the facets of its conic hull. They are found here in floating point, relaxed
+a little, rounded to dyadic rationals, and believed only when `persid_check` has proved them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid.functions import scalar_function
+from persid.model import Channels
+
+POOL_SIZE = 48  # facets kept of a curve, the most different ones first
+RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
+ROUNDING = 2.0**-20
+LARGEST_VALUE = 1e120  # samples of the curve stop where a function exceeds this
+
+
+@dataclass(frozen=True)
+class Curve:
+    """phi(y) = (y, f_1(a_1 (y* + y)) - f_1(a_1 y*), …) on a domain (None: all of R), y* in [shift - radius, shift + radius]."""
+
+    functions: tuple[str, ...]
+    factors: tuple[Fraction, ...]
+    domain: tuple[Fraction, Fraction] | None = None
+    shift: tuple[Fraction, Fraction] | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of entries of phi."""
+        return 1 + len(self.functions)
+
+    def values(self, y: Float[ndarray, " N"]) -> Float[ndarray, "N d"]:
+        """Return phi(y), one row a sample."""
+        at = 0.0 if self.shift is None else float(self.shift[0])
+        columns = [y]
+        for text, factor in zip(self.functions, self.factors, strict=True):
+            f, a = scalar_function(text), float(factor)
+            base = f.value(np.array([a * at])) if at else np.zeros(1)
+            columns.append(f.value(a * (at + y)) - base)
+        return np.stack(columns, axis=1)
+
+    def proves(self, form: Sequence[float]) -> bool:
+        """Whether the checker's prover establishes y * form'phi(y) >= 0 on the domain."""
+        curve = tuple((scalar_function(f).program, a) for f, a in zip(self.functions, self.factors, strict=True))
+        exact = tuple(Fraction(c) for c in form)
+        return persid_check.prove_sector_form(curve, exact, self.domain, self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Channels with one argument row r: entry 0 of phi is y = r'x, entry 1 + j belongs to `channels[j]`."""
+
+    row: Float[ndarray, " n"]
+    channels: tuple[int, ...]
+    curve: Curve
+
+
+def groups(channels: Channels) -> tuple[Group, ...]:
+    """Group channels by argument row, exactly; the row of a group is the row of its first channel."""
+    members: dict[tuple[tuple[int, Fraction], ...], list[tuple[int, Fraction]]] = {}
+    for c, row in enumerate(channels.rows):
+        support = np.flatnonzero(row)
+        size = abs(Fraction(float(row[support[0]]))) if len(support) else Fraction(1)
+        key = tuple((int(i), Fraction(float(row[i])) / size) for i in support)
+        members.setdefault(key, []).append((c, size))
+    found = []
+    for joined in members.values():
+        first, size = joined[0]
+        curve = Curve(tuple(channels.functions[c].text for c, _ in joined), tuple(s / size for _, s in joined))
+        found.append(Group(channels.rows[first], tuple(c for c, _ in joined), curve))
+    return tuple(found)
+
+
+def _samples(curve: Curve) -> Float[ndarray, "N d"]:
+    """Sample the directions sign(y) phi(y) / |phi(y)| on both sides of 0, densely in log |y|."""
+    count = 240 if curve.size <= 4 else 60  # the number of facets grows with a power of the number of samples
+    low, high = (1e8, 1e8) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
+    sides = []
+    for sign, end in ((1.0, high), (-1.0, low)):
+        y = sign * np.geomspace(min(1e-3, 1e-3 * end), end, count)
+        with np.errstate(all="ignore"):
+            phi = sign * curve.values(y)
+        usable = (np.abs(phi) < LARGEST_VALUE).all(axis=1)
+        if not usable.all() and curve.domain is None and usable[0]:  # refine up to where the values grow too large
+            stop = abs(y[np.flatnonzero(usable)[-1]])
+            y = sign * np.geomspace(1e-3, stop, count)
+            phi = sign * curve.values(y)
+            usable = (np.abs(phi) < LARGEST_VALUE).all(axis=1)
+        sides.append(phi[usable])
+    return np.vstack(sides)
+
+
+def sizes(curve: Curve) -> Float[ndarray, " d"]:
+    """Return the size of each entry of phi at |y| = 1 (or at the end of a smaller domain): powers of two."""
+    end = 1.0 if curve.domain is None else min(1.0, -float(curve.domain[0]), float(curve.domain[1]))
+    value = np.abs(curve.values(np.array([-end, end]))).max(axis=0) / end
+    return np.exp2(np.round(np.log2(np.where((value > 0) & np.isfinite(value), value, 1.0))))
+
+
+def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
+    """Return inward unit normals of the facets of the conic hull of the rows of V (unit vectors in a half space)."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    d = V.shape[1]
+    if d == 1:
+        return np.ones((1, 1))
+    centre = _interior(V)
+    depth = V @ centre
+    if depth.min() <= 0:
+        return np.zeros((0, d))
+    section = np.linalg.svd(centre[None])[2][1:]  # cut the cone by the plane centre'v = 1: a convex body of dimension d - 1
+    points = (V / depth[:, None]) @ section.T
+    if d == 2:
+        ends = np.array([points.max(), points.min()])
+        normals = np.stack([ends[0] * centre - section[0], section[0] - ends[1] * centre])
+    else:
+        try:
+            hull = ConvexHull(points)
+        except QhullError:
+            hull = ConvexHull(points, qhull_options="QJ")
+        normals = -(hull.equations[:, :-1] @ section + hull.equations[:, -1:] * centre)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _interior(V: ndarray) -> ndarray:
+    """Return a unit vector c that makes min V c largest: the deepest form of the dual cone (a small linear program)."""
+    from scipy.optimize import linprog
+
+    N, d = V.shape
+    result = linprog(
+        np.append(np.zeros(d), -1.0),
+        A_ub=np.hstack([-V, np.ones((N, 1))]),
+        b_ub=np.zeros(N),
+        bounds=[(-1, 1)] * d + [(None, 1)],
+    )
+    c = result.x[:d] if result.status == 0 else V.mean(axis=0)
+    return c / max(np.linalg.norm(c), 1e-300)
+
+
+def _spread(L: ndarray, count: int) -> ndarray:
+    """Order rows so that each next one is farthest from those before it; keep the first `count`."""
+    chosen = [int(np.argmin(L @ L.mean(axis=0)))]
+    distance = 1 - L @ L[chosen[0]]
+    while len(chosen) < min(count, len(L)) and distance.max() > 1e-9:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, 1 - L @ L[chosen[-1]])
+    return L[chosen]
+
+
+@lru_cache(maxsize=512)
+def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return candidate sector forms of a curve, dyadic and relaxed, the most different ones first; not yet proved."""
+    phi, unit = _samples(curve), sizes(curve)
+    V = phi / unit
+    V /= np.linalg.norm(V, axis=1, keepdims=True)
+    deepest = _interior(V)
+    L = _spread(_facets(V), POOL_SIZE) + RELAXATION * deepest
+    L = np.round(L / ROUNDING) * ROUNDING
+    sparse = np.where(np.abs(L) < 16 * RELAXATION, 0.0, L)
+    L = np.where((V @ sparse.T >= 0).all(axis=0)[:, None], sparse, L)  # x**3 rather than x**3 + 1e-4 x
+    L = L[(V @ L.T >= 0).all(axis=0)]
+    return tuple(tuple(float(c) for c in row) for row in np.unique(L, axis=0)[_first_seen(L)] / unit)
+
+
+def _first_seen(L: ndarray) -> ndarray:
+    """Return the indices into np.unique's rows that restore the order of first appearance."""
+    return np.argsort(np.unique(L, axis=0, return_index=True)[1])
