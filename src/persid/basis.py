@@ -20,7 +20,7 @@ Functions = Sequence[str] | Sequence[Sequence[str]]
 
 @dataclass(frozen=True)
 class Column:
-    """One column: `kind` is linear, function, input or constant; `state` and `input` are places, -1 where it has none."""
+    """One column: `kind` is linear, function, input or constant; places are -1 where a column has none."""
 
     kind: str
     name: str
@@ -31,7 +31,9 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Basis functions of the vector field: x, the functions of (x - x_ref)/scale, u - u_ref and 1. Paper: eq:basis_functions_selected.
+    """Basis functions of the vector field: x - x_ref, the functions of (x - x_ref)/scale, u - u_ref and 1.
+
+    Paper: eq:basis_functions_selected (Sec. 4.1).
 
     `terms[j][i]` is the j-th nonlinear function of state i, or None; `linear[i]` says whether x_i itself is a column.
     Columns stand in the order: linear, functions (term by term, state by state), inputs, constant.
@@ -132,7 +134,7 @@ class Basis:
         A0 = np.zeros((n, n))
         k = len(self._linear)
         A0[:, self._linear] = theta[:k].T
-        terms = []
+        terms: list[tuple[Any, Any, ndarray]] = []
         for states, _ in self._places:
             f = [term.text for i in states if (term := self.terms[len(terms)][i])]
             unscaled = len(states) == n and bool((self.scale == 1).all())
@@ -153,7 +155,7 @@ class Basis:
 
 
 def make_basis(data: Trajectories, functions: Functions, x_ref: Any = "auto", scale: Any = "auto") -> Basis:
-    """Return the basis for data: reference points at 0 or the mean, scales powers of two, so that arguments are of order 1.
+    """Return the basis for data: reference points at 0 or the mean, scales powers of two, arguments of order 1.
 
     `x_ref="auto"` takes, for each state, 0 where the data come as near to 0 as they spread, else the mean, rounded.
     `scale="auto"` takes the power of two next to the largest |x - x_ref| / 2; 1/scale is then exact.
@@ -207,7 +209,7 @@ def reference_point(x: Float[ndarray, "N k"]) -> Float[ndarray, " k"]:
     low, high, mean = x.min(axis=0), x.max(axis=0), x.mean(axis=0)
     digit = np.floor(np.log10(np.where(high > low, (high - low) / 2, 1.0)))
     rounded = np.array([round(value, -int(place)) for value, place in zip(mean, digit, strict=True)])
-    near = (low - (high - low) <= 0) & (0 <= high + (high - low))
+    near = (low - (high - low) <= 0) & (high + (high - low) >= 0)
     return np.where(near, 0.0, np.where(high > low, rounded, mean))
 
 

@@ -1,4 +1,4 @@
-"""Derivatives of measured signals by local polynomials, at any spacing of the samples; and states that were not measured."""
+"""Derivatives of measured signals by local polynomials, at any spacing; and states that were not measured."""
 
 from collections.abc import Iterator
 

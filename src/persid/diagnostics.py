@@ -18,7 +18,7 @@ LAGS = 20
 
 @dataclass(frozen=True)
 class Excitation:
-    """How an input moves: standard deviation, number of changes, and the share of it that the other columns leave free."""
+    """How an input moves: its deviation, number of changes, and the share that the other columns leave free."""
 
     name: str
     deviation: float
@@ -32,7 +32,8 @@ class FitReport:
 
     `condition_raw` and `condition_scaled` are condition numbers of the columns; `largest_coefficient` is in units of
     scaled columns (a column's contribution over that of the left side); `whiteness` holds for each state the largest
-    autocorrelation of the one-step residual over 20 lags, and the 99 % bound of white noise; `coverage` is the box of the data.
+    autocorrelation of the one-step residual over 20 lags, and the 99 % bound of white noise; `coverage` is the box of
+    the data.
     """
 
     method: str
@@ -133,7 +134,7 @@ def excitation(data: Trajectories, gram: Gram) -> tuple[Excitation, ...]:
 
 
 def _free_share(gram: Gram) -> ndarray:
-    """1/VIF of every column: the share of its mean square that a regression on all others leaves; 0 where it is constant."""
+    """1/VIF of every column: the share of its variance that a regression on all others leaves; 0 if constant."""
     keep = np.flatnonzero(gram.weights > 0)
     share = np.zeros(len(gram.weights))
     g = gram.G[:, -1] / max(gram.G[-1, -1], np.finfo(float).tiny)
@@ -145,7 +146,7 @@ def _free_share(gram: Gram) -> ndarray:
 
 
 def whiteness(residual: Float[ndarray, "N n"]) -> tuple[tuple[float, float], ...]:
-    """Return, per state, the largest autocorrelation over 20 lags and the bound that white noise keeps in 99 % of cases."""
+    """Return, per state, the largest autocorrelation over 20 lags and the 99 % bound of white noise."""
     r = residual - residual.mean(axis=0)
     power = np.maximum((r**2).sum(axis=0), np.finfo(float).tiny)
     lags = range(1, min(LAGS, len(r) - 1) + 1)

@@ -1,10 +1,13 @@
 """The equations of a model, to read: as text, LaTeX or SymPy."""
 
+import re
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from persid.errors import DataError
+from persid.functions import scalar_function
 from persid.model import PersidskiiModel
 
 
@@ -81,22 +84,21 @@ def _scaled(weight: float, body: str, latex: bool) -> str:
 
 
 def _substitute(text: str, argument: str) -> str:
-    import re
-
     simple = re.fullmatch(r"\w+", argument)
     inside = re.fullmatch(r"\w+\(x\)", text)
     return re.sub(r"\bx\b", argument if simple or inside else f"({argument})", text)
 
 
 def _sympy(model: PersidskiiModel) -> list[Any]:
-    import sympy
+    sympy = import_module("sympy")
 
     t = sympy.Symbol("t")
     x = [sympy.Function(name)(t) for name in model.states]
     dx = [symbol - sympy.Float(r, 17) if r else symbol for symbol, r in zip(x, model.x_ref, strict=True)]
     du = [sympy.Symbol(n) - (sympy.Float(r, 17) if r else 0) for n, r in zip(model.inputs, model.u_ref, strict=True)]
     channels = model.channels
-    values = [_sympy_function(f.text, sum(_number(w) * d for w, d in zip(row, dx, strict=True) if w)) for f, row in zip(channels.functions, channels.rows, strict=True)]  # fmt: skip
+    arguments = [sum(_number(w) * d for w, d in zip(row, dx, strict=True) if w) for row in channels.rows]
+    values = [_sympy_function(f.text, y) for f, y in zip(channels.functions, arguments, strict=True)]
     result = []
     for i in range(model.n):
         right = sum((_number(a) * d for a, d in zip(channels.A0[i], dx, strict=True)), sympy.Integer(0))
@@ -107,7 +109,7 @@ def _sympy(model: PersidskiiModel) -> list[Any]:
 
 
 def _number(value: float) -> Any:
-    import sympy
+    sympy = import_module("sympy")
 
     return (
         sympy.Integer(int(value)) if float(value).is_integer() and abs(value) < 2**53 else sympy.Float(float(value), 17)
@@ -115,7 +117,7 @@ def _number(value: float) -> Any:
 
 
 def _sympy_function(text: str, argument: Any) -> Any:
-    import sympy
+    sympy = import_module("sympy")
 
     x = sympy.Symbol("x")
     names = {
@@ -124,7 +126,5 @@ def _sympy_function(text: str, argument: Any) -> Any:
         "softplus": lambda y: sympy.log(1 + sympy.exp(y)), "relu": lambda y: sympy.Max(y, 0),
         "sat": lambda y: sympy.Max(-1, sympy.Min(1, y)), "deadzone": lambda y: y - sympy.Max(-1, sympy.Min(1, y)),
     }  # fmt: skip
-    from persid.functions import scalar_function
-
     scalar_function(text)  # the closed grammar: nothing else reaches the parser
     return sympy.sympify(text, locals=names).subs(x, argument)

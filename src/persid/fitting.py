@@ -1,4 +1,4 @@
-"""From prepared data to coefficients: Gram matrices part by part, the ridge, thresholds; the same for every estimator."""
+"""From prepared data to coefficients: Gram matrices part by part, ridge, thresholds; the same for every estimator."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class Problem:
         return [accumulate(self.rows(part), self.basis, self.structure) for part in self.parts]
 
     def gram(self, parts: Sequence[Part], grams: Sequence[Gram], ridge: float) -> Gram:
-        """Return the Gram of some parts together, with a triangular factor where the ridge leaves it ill-conditioned."""
+        """Return the Gram of some parts together, with a triangular factor where it stays ill-conditioned."""
         total = grams[0]
         for gram in grams[1:]:
             total = total + gram
@@ -80,7 +80,7 @@ def koopman_rows(
 
 
 def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[ndarray, "p n"]:
-    """Return the ridge fit, with coefficients below `share` of the largest scaled one set to 0 and the rest fitted again.
+    """Return the ridge fit; coefficients below `share` of the largest scaled one are set to 0, the rest fitted again.
 
     A negative coefficient of a state's own function in its own equation is never dropped: it is the damping that a
     Lyapunov function lives on.

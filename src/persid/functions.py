@@ -75,7 +75,18 @@ _ANTIDERIVATIVES: dict[str, _Unary] = {
 }
 
 
+def _on_arrays(f: _Unary, y: ndarray | float) -> ndarray:
+    """Apply f to an array of at least one dimension (NumPy turns arrays without one into scalars)."""
+    y = np.asarray(y, float)
+    return f(y) if y.ndim else f(y[None])[0:1].reshape(())
+
+
 def _power(base: ndarray, exponent: float) -> ndarray:
+    if exponent == int(exponent) and 1 <= exponent <= 8:  # a few products cost a tenth of a general power
+        result = base
+        for bit in bin(int(exponent))[3:]:
+            result = result * result if bit == "0" else result * result * base
+        return result
     return np.power(base, int(exponent) if exponent == int(exponent) else exponent)
 
 
@@ -186,16 +197,19 @@ class ScalarFunction:
     def __post_init__(self) -> None:
         _ = self.program
 
-    def value(self, y: Float[ndarray, "..."]) -> Float[ndarray, "..."]:
+    def value(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return f(y), elementwise."""
-        return _value(self.program, y)
+        return _on_arrays(lambda z: _value(self.program, z), y)
 
-    def derivative(self, y: Float[ndarray, "..."]) -> Float[ndarray, "..."]:
+    def derivative(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return f'(y), elementwise; at a kink, the derivative on the right."""
-        return _pair(self.program, y)[1]
+        return _on_arrays(lambda z: _pair(self.program, z)[1], y)
 
-    def antiderivative(self, y: Float[ndarray, "..."]) -> Float[ndarray, "..."]:
+    def antiderivative(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return the integral of f from 0 to y, elementwise (relative error about 1e-12 for smooth f)."""
+        return _on_arrays(self._antiderivative, y)
+
+    def _antiderivative(self, y: ndarray) -> ndarray:
         last = self.program[-1]
         if len(self.program) == 1:
             return 0.5 * y**2 if last.name == "x" else self.value(y) * y

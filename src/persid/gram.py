@@ -23,8 +23,9 @@ Rows = tuple[Float[ndarray, "N p"], Float[ndarray, "N n"]]
 class Gram:
     """What least squares knows of the data: minimise sum |y - theta' phi|^2 with y an increment or derivative of x.
 
-    G = sum phi phi', H = sum phi y', yy = sum of y_i^2, each over `rows` rows; theta (p x n) belongs to `basis.columns`,
-    the last being the constant; `basis.model(theta)` is the model and `basis.coefficients(model)` the way back.
+    G = sum phi phi', H = sum phi y', yy = sum of y_i^2, each over `rows` rows; theta (p x n) belongs to
+    `basis.columns`, the last being the constant; `basis.model(theta)` is the model and `basis.coefficients(model)`
+    the way back. `weights` are the units of ridge strengths, `structure` tells which coefficients may be used.
     `root` is the triangular factor of [phi, y] where the Gram matrix alone is too ill-conditioned, else None.
     """
 
@@ -180,6 +181,6 @@ def refuse_underdetermined(gram: Gram) -> None:
     unknowns = gram.structure.most_columns
     if gram.rows < unknowns:
         raise UnderdeterminedError(
-            f"{gram.rows} samples for {unknowns} unknown coefficients per state: infinitely many models fit them exactly. "
-            "Give more data, fewer functions, pattern= or shared=True, or allow_underdetermined=True for the smallest one"
+            f"{gram.rows} samples for {unknowns} unknown coefficients per state: many models fit exactly. Give more "
+            "data, fewer functions, pattern= or shared=True, or allow_underdetermined=True for the smallest one"
         )

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from persid import diagnostics, fitting, freerun
-from persid.basis import Basis, Functions, make_basis
+from persid.basis import Functions, make_basis
 from persid.derivatives import embed, local_polynomial
 from persid.diagnostics import FitReport
 from persid.equations import equations
@@ -35,7 +35,9 @@ SCORED_RUNS = 20
 
 
 class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
-    """Identify x' = A0 (x - x_ref) + sum A f((x - x_ref)/scale) + B (u - u_ref) + b from trajectories. Paper: Sec. 2, Sec. 4.1.
+    """Identify x' = A0 (x - x_ref) + sum A f((x - x_ref)/scale) + B (u - u_ref) + b from trajectories.
+
+    Paper: F_x_approximation (Sec. 4.1).
 
     functions: expressions in x, one list for all states or one list a state; "x" is the linear part.
     method: "weak" (integrals, Simpson; the default), "derivative" (smoothed finite differences, or x' given as y of

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy.linalg import logm, qr
 
 from persid.basis import Basis
 from persid.errors import DataError, GeneratorError
@@ -80,7 +81,7 @@ def make_lifting(basis: Basis, extra: tuple[str, ...] | list[str] = ()) -> Lifti
 
 
 def snapshot_pairs(run: Trajectory, lifting: Lifting, hold: str) -> Iterator[tuple[ndarray, ndarray]]:
-    """Yield blocks of (psi, psi_next); hold="zoh" pairs (x_k, u_k) with (x_{k+1}, u_k), "paper" with (x_{k+1}, u_{k+1})."""
+    """Yield blocks of (psi, psi_next): (x_k, u_k) goes with (x_{k+1}, u_k), or with u_{k+1} for hold="paper"."""
     for begin in range(0, len(run) - 1, BLOCK):
         piece = run[begin : min(begin + BLOCK, len(run) - 1) + 1]
         after = piece.u[:-1] if hold == "zoh" else piece.u[1:]
@@ -122,11 +123,12 @@ def _edmd_by_qr(data: Trajectories, lifting: Lifting, hold: str, d: ndarray) -> 
     root, size = np.zeros((0, 2 * lifting.size)), lifting.size
     for run in data:
         for psi, after in snapshot_pairs(run, lifting, hold):
-            root = np.linalg.qr(np.vstack([root, np.hstack([psi / d, after])]), mode="r")[: 2 * size]
+            root = qr(np.vstack([root, np.hstack([psi / d, after])]), mode="r", check_finite=False)[0][: 2 * size]
     U, s, Vt = np.linalg.svd(root[:, :size], full_matrices=False)
-    if len(s) < size or s[-1] < np.finfo(float).eps * size * s[0]:
+    floor = np.finfo(float).eps * size * s[0]
+    if len(s) < size or s[-1] < floor:
         raise DataError(
-            f"the samples determine only {int((s > np.finfo(float).eps * size * s[0]).sum())} of {size} lifting functions; "
+            f"the samples determine only {int((s > floor).sum())} of {size} lifting functions; "
             "an input that never varies, or too few samples, does that: leave functions or inputs out, or add data"
         )
     return (Vt.T / s @ U.T @ root[:, size:]) / d[:, None]
@@ -143,8 +145,6 @@ def koopman_generator(
     Raises:
         GeneratorError: an eigenvalue is zero, negative, not to be told from that, or turns near half a circle a sample.
     """
-    from scipy.linalg import logm
-
     values = np.linalg.eigvals(K)
     limit = SAMPLING_ERROR / np.sqrt(samples) if hold == "paper" and samples else 0.0
     _diagnose(values, max(limit, VANISHING * float(np.abs(values).max())), dt)
@@ -188,7 +188,8 @@ def spectrum_in_words(values: ndarray, dt: float) -> str:
     size, angle = np.abs(values), np.abs(np.angle(values))
     negative = int((angle >= np.pi - 1e-9).sum())
     turning = int(((angle > 1e-9) & (angle < np.pi - 1e-9)).sum())
-    text = f"{len(values)} eigenvalues, {negative} negative, {turning} complex, moduli from {size.min():.3g} to {size.max():.3g}"
+    text = f"{len(values)} eigenvalues, {negative} negative, {turning} complex"
+    text += f", moduli from {size.min():.3g} to {size.max():.3g}"
     outside = int((size > 1 + 1e-9).sum())
     fastest = f"the fastest decays in {-dt / np.log(size.min()):.3g} s" if 0 < size.min() < 1 else "none decays"
     return f"{text} ({outside} above 1), {fastest}"
@@ -197,7 +198,7 @@ def spectrum_in_words(values: ndarray, dt: float) -> str:
 def elementary_generators(
     lifting: Lifting, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]
 ) -> Float[ndarray, "c p l l"]:
-    """Return L_ij,rep for every coordinate i of chi and basis function j: G_j d/dchi_i projected on span(psi) on samples.
+    """Return L_ij,rep for coordinate i of chi and basis function j: G_j d/dchi_i projected on span(psi) on samples.
 
     Paper: L_rep_sum (Sec. 2.2). For small cases: the array holds (n+m) p l^2 numbers.
     """
@@ -220,9 +221,9 @@ def gamma(
 ) -> Float[ndarray, "n p"]:
     """Return the coefficients lambda_ij of F_i = sum_j lambda_ij G_j for the states (rows of u' are dropped).
 
-    Paper: eq:Gamma_cal (Sec. 2.2). "coordinates" uses the columns of L that belong to x_i, F_i = L x_i, projected on the
-    G_j; "literal" is the pseudoinverse over all columns of vec(L). Each lifting function depends on one coordinate, so
-    that the literal problem falls apart into one small problem a state and needs no array of l^2 (n+m) p numbers.
+    Paper: eq:Gamma_cal (Sec. 2.2). "coordinates" uses the columns of L that belong to x_i, F_i = L x_i, projected on
+    the G_j; "literal" is the pseudoinverse over all columns of vec(L). Each lifting function depends on one coordinate,
+    so that the literal problem falls apart into one small problem a state, without l^2 (n+m) p numbers.
     """
     n = len(lifting.basis.states)
     psi, columns = lifting.values(x, u), lifting.columns(x, u)

@@ -1,7 +1,6 @@
 """PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b."""
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,12 +14,11 @@ from numpy import ndarray
 from persid.errors import ModelError
 from persid.files import write_atomically
 from persid.functions import ScalarFunction, scalar_function
-from persid.trajectories import Trajectories, Trajectory
+from persid.trajectories import Trajectories
 
 FORMAT = "persid-model-1"
-STATE_CAP = 1e6  # a simulated state beyond this many times its own scale has diverged
 
-Input = Float[ndarray, "N m"] | Callable[[float], Float[ndarray, " m"]] | None
+Input = Any  # (N, m) samples, held; or a function of t; or None for u_ref
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,9 @@ class Channels:
 
 @dataclass(frozen=True, eq=False)
 class PersidskiiModel:
-    """A generalized Persidskii model in the user's units; time in s. Paper: eq:main_system_Per, eq:change_variable_P_system.
+    """A generalized Persidskii model in the user's units; time in s.
+
+    Paper: eq:main_system_Per, eq:change_variable_P_system.
 
     `domain` is the box of the data, one (lo, hi) per state, or None; `provenance` is never used in a proof.
 
@@ -160,13 +160,20 @@ class PersidskiiModel:
         """Integrate from x0 and sample at the times t (s); a run that diverges ends there, with `diverged_at` set.
 
         u is (N, m), held from each sample to the next, or a function of t, or None for u_ref.
+
+        Raises:
+            ModelError: x0, t or u has the wrong shape.
         """
+        from persid.integrate import integrate
+
         x0 = _array("x0", x0, (self.n,))
-        t = np.asarray(t, float)
+        t = np.array(t, float)
         if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
             raise ModelError("t needs at least two strictly increasing times in s")
-        run = _integrate(self, x0, t, u, rtol, atol)
-        return Trajectories((run,), self.states, self.inputs)
+        if not (u is None or callable(u)):
+            u = np.asarray(u, float)
+            u = _array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
+        return Trajectories((integrate(self, x0, t, u, rtol, atol),), self.states, self.inputs)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as the object of `model.json`."""
@@ -195,7 +202,7 @@ class PersidskiiModel:
         missing = {"states", "B", "terms"} - set(data)
         if missing:
             raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
-        values = {name: data.get(name) for name in _FIELDS if name != "format"}
+        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
         n, m = len(data["states"]), len(data.get("inputs") or [])
         values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
         values["A0"] = np.zeros((n, n)) if values["A0"] is None else values["A0"]
@@ -286,44 +293,3 @@ def _term_dict(term: Term) -> dict[str, Any]:
         "R": None if term.R is None else term.R.tolist(),
         "A": term.A.tolist(),
     }
-
-
-def _integrate(model: PersidskiiModel, x0: ndarray, t: ndarray, u: Input, rtol: float, atol: float) -> Trajectory:
-    """Integrate piece by piece where the input is held, in one go where it is a function of time."""
-    from scipy.integrate import solve_ivp
-
-    cap = STATE_CAP * (1 + np.abs(x0).max() + np.abs(model.x_ref).max())
-
-    def left(_: float, x: ndarray) -> float:
-        return cap - float(np.abs(x).max())
-
-    left.terminal = True  # type: ignore[attr-defined]
-
-    def piece(start: float, stop: float, x: ndarray, times: ndarray, at: Callable[[float], ndarray]) -> Any:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return solve_ivp(
-                lambda s, y: np.clip(model.rhs(y, at(s)), -1e200, 1e200),
-                (start, stop), x, method="LSODA", t_eval=times, events=left, rtol=rtol, atol=atol,
-            )  # fmt: skip
-
-    if u is None or callable(u):
-        at = u if callable(u) else (lambda _: model.u_ref)
-        inputs = np.array([np.reshape(at(s), model.m) for s in t])
-        solution = piece(t[0], t[-1], x0, t, lambda s: np.reshape(at(s), model.m))
-        return _run(solution.t, solution.y.T, inputs, solution, t)
-    u = _array("u", u, (len(t), model.m))
-    states = [x0]
-    for k in range(len(t) - 1):
-        solution = piece(t[k], t[k + 1], states[-1], t[k + 1 : k + 2], lambda _, k=k: u[k])
-        if solution.status != 0 or not np.isfinite(solution.y).all():
-            break
-        states.append(solution.y[:, -1])
-    return _run(t[: len(states)], np.array(states), u, solution, t)
-
-
-def _run(times: ndarray, x: ndarray, u: ndarray, solution: Any, t: ndarray) -> Trajectory:
-    if len(times) == len(t) and np.isfinite(x).all():
-        return Trajectory(t, x, u)
-    good = int(np.isfinite(x).all(axis=1).sum())
-    last = float(solution.t_events[0][0]) if solution.t_events and len(solution.t_events[0]) else float(times[good - 1])
-    return Trajectory(times[:good], x[:good], u[:good], diverged_at=last if math.isfinite(last) else float(t[0]))

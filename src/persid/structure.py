@@ -32,7 +32,7 @@ class Structure:
 
 
 def make_structure(basis: Basis, pattern: Any = None, shared: bool = False, constant: bool = True) -> Structure:
-    """Return the structure of a fit: full, `pattern[i, j]` (whether state j may influence state i), or shared along a chain.
+    """Return the structure of a fit: full, `pattern[i, j]` (may state j influence state i), or shared along a chain.
 
     `shared=True` gives the coefficients of states by the difference of their places, x_j in the equation of x_i by
     j - i: a translation-invariant chain. Inputs and constants stay free in every equation.

@@ -1,4 +1,4 @@
-"""The weak form: increments of the state over windows against integrals of the basis functions; nothing is differentiated.
+"""The weak form: increments of the state over windows against integrals of the basis functions.
 
 x(t_{k+q}) - x(t_k) = A0 ∫x + sum_j A_j ∫f_j + B ∫u + b (t_{k+q} - t_k)
 """
@@ -6,7 +6,6 @@ x(t_{k+q}) - x(t_k) = A0 ∫x + sum_j A_j ∫f_j + B ∫u + b (t_{k+q} - t_k)
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray
 
 from persid.basis import Basis
@@ -34,10 +33,7 @@ def window_rows(
 def _integrals(piece: Trajectory, basis: Basis, window: int, hold: str) -> ndarray:
     count, p = len(piece) - window, basis.state_columns
     du = piece.u - basis.u_ref
-    if hold == "zoh":
-        values = basis.values(piece.x)
-    else:
-        values = np.hstack([basis.values(piece.x), du])
+    values = basis.values(piece.x) if hold == "zoh" else np.hstack([basis.values(piece.x), du])
     out = np.empty((count, basis.size))
     simpson = _simpson(piece.t, values, window)
     out[:, : simpson.shape[1]] = simpson

@@ -1,0 +1,123 @@
+"""Integration of a model between samples: quiet, restarted where a held input jumps, stopped where the state diverges."""
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.integrate import LSODA, RK45
+
+from persid.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from persid.model import PersidskiiModel
+
+STATE_CAP = 1e6  # a state beyond this many times the size of its start has diverged
+HUGE = 1e200  # right sides are cut off here, so that a blow-up ends in a cap and not in NaN
+STIFF = 40  # explicit steps in one sample interval after which an implicit method takes over
+
+Rhs = Callable[[float, ndarray], ndarray]
+
+
+def integrate(
+    model: "PersidskiiModel", x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
+) -> Trajectory:
+    """Return the run from x0 sampled at t; see `PersidskiiModel.simulate`."""
+    solver = _Solver(model, 1 + float(np.abs(x0).max() + np.abs(model.x_ref).max()), rtol, atol)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # a solver's complaint becomes `diverged_at`
+        if u is None or callable(u):
+            at = u if callable(u) else (lambda _: model.u_ref)
+            held = np.array([np.reshape(np.asarray(at(s), float), model.m) for s in t]).reshape(len(t), model.m)
+            forcing = (lambda s: solver.forcing(np.reshape(np.asarray(at(s), float), model.m))) if callable(u) else None
+            constant = solver.forcing(model.u_ref)
+            states, diverged = solver.span(x0, t, forcing or (lambda _: constant))
+        else:
+            held = u
+            states, diverged = _held(solver, x0, t, u)
+    return Trajectory(t[: len(states)], states, held[: len(states)], diverged_at=diverged)
+
+
+def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarray, float | None]:
+    """Go from jump to jump of the input; an input that stays is integrated in one go."""
+    jumps = np.flatnonzero((np.diff(u[:-1], axis=0) != 0).any(axis=1)) + 1
+    states, diverged = [x0[None]], None
+    for a, b in pairwise([0, *jumps.tolist(), len(t) - 1]):
+        force = solver.forcing(u[a])
+        if b - a > 1:
+            found, diverged = solver.span(states[-1][-1], t[a : b + 1], partial(_constant, force))
+        else:
+            found, diverged = solver.step(states[-1][-1], float(t[a]), float(t[b]), force)
+        states.append(found[1:])
+        if diverged is not None:
+            break
+    return np.concatenate(states), diverged
+
+
+def _constant(force: ndarray, _: float) -> ndarray:
+    return force
+
+
+class _Solver:
+    """The model's right side with its fixed parts prepared, and the step size carried over restarts."""
+
+    def __init__(self, model: "PersidskiiModel", size: float, rtol: float, atol: float) -> None:
+        self.model, self.rtol, self.atol = model, rtol, atol
+        self.cap = STATE_CAP * size
+        self.h: float | None = None
+        self.stiff = False
+        channels = model.channels
+        kinds = {f: [c for c, g in enumerate(channels.functions) if g == f] for f in channels.functions}
+        order = [c for places in kinds.values() for c in places]
+        self.rows, self.columns, self.A0 = channels.rows[order], channels.columns[:, order], channels.A0
+        ends = np.cumsum([0, *map(len, kinds.values())]).tolist()
+        self.pieces = [(f, a, b) for f, (a, b) in zip(kinds, pairwise(ends), strict=True)]
+
+    def forcing(self, u: ndarray) -> ndarray:
+        """Return B (u - u_ref) + b."""
+        return self.model.B @ (u - self.model.u_ref) + self.model.b
+
+    def drift(self, x: ndarray) -> ndarray:
+        """Return x' without the forcing."""
+        dx = x - self.model.x_ref
+        dot = self.A0 @ dx
+        if self.pieces:
+            y = self.rows @ dx
+            values = np.concatenate([f.value(y[a:b]) for f, a, b in self.pieces])
+            dot += self.columns @ values
+        return np.clip(dot, -HUGE, HUGE)
+
+    def step(self, x: ndarray, start: float, stop: float, force: ndarray) -> tuple[ndarray, float | None]:
+        """Cross one sample interval by Dormand-Prince steps; hand over to an implicit method where it is stiff."""
+        if not self.stiff:
+            first = None if self.h is None else min(self.h, stop - start)
+            solver = RK45(
+                lambda _, y: self.drift(y) + force, start, x, stop, first_step=first, rtol=self.rtol, atol=self.atol
+            )
+            for _ in range(STIFF):
+                solver.step()
+                if solver.status == "failed" or not np.abs(solver.y).max() < self.cap:
+                    return x[None], float(solver.t)
+                if solver.status == "finished":
+                    self.h = float(solver.h_abs)
+                    return np.array([x, solver.y]), None
+            self.stiff = True
+        return self.span(x, np.array([start, stop]), lambda _: force)
+
+    def span(self, x: ndarray, t: ndarray, force: Callable[[float], ndarray]) -> tuple[ndarray, float | None]:
+        """Integrate over t, where the input does not jump; return the states at t up to a divergence and its time."""
+        solver = LSODA(lambda s, y: self.drift(y) + force(s), t[0], x, t[-1], rtol=self.rtol, atol=self.atol)
+        states, k = [x[None]], 1
+        while k < len(t):
+            solver.step()
+            if solver.status == "failed" or not np.abs(solver.y).max() < self.cap:
+                return np.concatenate(states), float(solver.t)
+            reached = int(np.searchsorted(t, solver.t, side="right"))
+            if reached > k:
+                states.append(solver.dense_output()(t[k:reached]).T)
+                k = reached
+        return np.concatenate(states), None
