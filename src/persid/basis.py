@@ -105,9 +105,9 @@ class Basis:
             arguments = y if len(states) == len(self.states) else y[:, states]
             for f, places in functions:
                 if len(functions) == 1:
-                    out[:, k : k + len(states)] = f.value(arguments)
+                    out[:, k : k + len(states)] = f.on_arrays(arguments)
                 else:
-                    out[:, [k + place for place in places]] = f.value(arguments[:, places])
+                    out[:, [k + place for place in places]] = f.on_arrays(arguments[:, places])
             k += len(states)
         return out
 

@@ -6,7 +6,7 @@ The grammar and its meaning belong to `persid_check.expression`; here every inst
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from jaxtyping import Float
@@ -197,9 +197,19 @@ class ScalarFunction:
     def __post_init__(self) -> None:
         _ = self.program
 
+    @cached_property
+    def on_arrays(self) -> _Unary:
+        """The function as a plain callable on arrays of at least one dimension, for inner loops."""
+        program = self.program
+        if len(program) == 2 and program[1].name in _FUNCTIONS:
+            return _FUNCTIONS[program[1].name][0]
+        if len(program) == 2 and program[1].name == "**":
+            return partial(_power, exponent=float(program[1].value or 0))
+        return partial(_value, program)
+
     def value(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return f(y), elementwise."""
-        return _on_arrays(lambda z: _value(self.program, z), y)
+        return _on_arrays(self.on_arrays, y)
 
     def derivative(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return f'(y), elementwise; at a kink, the derivative on the right."""

@@ -1,4 +1,4 @@
-"""Integration of a model between samples: quiet, restarted where a held input jumps, stopped where the state diverges."""
+"""Integration of a model between samples: quiet, restarted where a held input jumps, stopped at a divergence."""
 
 import warnings
 from collections.abc import Callable
@@ -75,7 +75,7 @@ class _Solver:
         order = [c for places in kinds.values() for c in places]
         self.rows, self.columns, self.A0 = channels.rows[order], channels.columns[:, order], channels.A0
         ends = np.cumsum([0, *map(len, kinds.values())]).tolist()
-        self.pieces = [(f, a, b) for f, (a, b) in zip(kinds, pairwise(ends), strict=True)]
+        self.pieces = [(f.on_arrays, a, b) for f, (a, b) in zip(kinds, pairwise(ends), strict=True)]
 
     def forcing(self, u: ndarray) -> ndarray:
         """Return B (u - u_ref) + b."""
@@ -87,7 +87,7 @@ class _Solver:
         dot = self.A0 @ dx
         if self.pieces:
             y = self.rows @ dx
-            values = np.concatenate([f.value(y[a:b]) for f, a, b in self.pieces])
+            values = np.concatenate([f(y[a:b]) for f, a, b in self.pieces])
             dot += self.columns @ values
         return np.clip(dot, -HUGE, HUGE)
 

@@ -1,7 +1,7 @@
 """PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
