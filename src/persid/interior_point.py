@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
-BLOCK = 512  # rows of the Schur complement made at once: bounds the memory
+BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
 
 
 class Status(Enum):
@@ -78,9 +78,7 @@ class Solution:
     log: tuple[str, ...]
 
 
-def solve(
-    problem: Problem, *, time_limit: float = np.inf, quality: float = 0.5, iterations: int = 80
-) -> Solution:
+def solve(problem: Problem, *, time_limit: float = np.inf, quality: float = 0.5, iterations: int = 80) -> Solution:
     """Decide the sign of the optimal margin; a feasible answer has t >= quality * m where the method gets that far."""
     state = _start(problem)
     started, log, status = time.perf_counter(), [], Status.STALLED
@@ -165,28 +163,37 @@ def _pack(problem: Problem, M: ndarray) -> ndarray:
 def _sandwich(problem: Problem, M: ndarray) -> ndarray:
     """Return D M D' for a symmetric M."""
     SM, HM = problem.S @ M, problem.H @ M
-    SS, SH = (problem.S @ SM.T).T, SM @ problem.H.T
+    SS, SH = problem.S @ np.ascontiguousarray(SM.T), SM @ problem.H.T
     return np.block([[SS, SH], [SH.T, HM @ problem.H.T]])
 
 
 def pairings(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
     """Return <F_k, M> for every unknown, M symmetric."""
-    products = 2 * _sandwich(problem, M)[problem.p, problem.q]
+    SM = problem.S @ M
+    inside = problem.q < len(SM)
+    products = np.empty(len(problem.p))
+    products[inside] = 2 * (problem.S @ np.ascontiguousarray(SM.T))[problem.q[inside], problem.p[inside]]
+    products[~inside] = 2 * (SM @ problem.H.T)[problem.p[~inside], problem.q[~inside] - len(SM)]
     return products if problem.tie is None else problem.tie.T @ products
 
 
 def _schur(problem: Problem, Y: ndarray, V: ndarray) -> ndarray:
-    """Return the matrix of tr(F_k X F_l Z^-1), a block of rows at a time."""
-    p, q = problem.p, problem.q
-    M = np.empty((len(p), len(p)))
+    """Return the matrix of tr(F_k X F_l Z^-1); without ties its lower triangle only, which is all that Cholesky reads."""
+    p, q, tie = problem.p, problem.q, problem.tie
+    M = np.zeros((len(p), len(p)))
     for start in range(0, len(p), BLOCK):
-        rows = slice(start, start + BLOCK)
+        rows, stop = slice(start, start + BLOCK), min(start + BLOCK, len(p))
+        r, s = p[:stop], q[:stop]
         Yp, Yq, Vp, Vq = Y[p[rows]], Y[q[rows]], V[p[rows]], V[q[rows]]
-        M[rows] = Yq[:, p] * Vp[:, q]
-        M[rows] += Yq[:, q] * Vp[:, p]
-        M[rows] += Yp[:, p] * Vq[:, q]
-        M[rows] += Yp[:, q] * Vq[:, p]
-    return M if problem.tie is None else problem.tie.T @ (problem.tie.T @ M).T
+        block = Yq.take(r, 1) * Vp.take(s, 1)
+        block += Yq.take(s, 1) * Vp.take(r, 1)
+        block += Yp.take(r, 1) * Vq.take(s, 1)
+        block += Yp.take(s, 1) * Vq.take(r, 1)
+        M[rows, :stop] = block
+    if tie is None:
+        return M
+    M = np.tril(M) + np.tril(M, -1).T
+    return tie.T @ (tie.T @ M).T
 
 
 def _schur_of_P(problem: Problem, U: ndarray, P_inverse: ndarray) -> ndarray:
@@ -199,7 +206,12 @@ def _schur_of_P(problem: Problem, U: ndarray, P_inverse: ndarray) -> ndarray:
     def inverse(a: ndarray, b: ndarray) -> ndarray:
         return P_inverse[np.ix_(a, b)]
 
-    return part(j, i) * inverse(i, j) + part(j, j) * inverse(i, i) + part(i, i) * inverse(j, j) + part(i, j) * inverse(j, i)
+    return (
+        part(j, i) * inverse(i, j)
+        + part(j, j) * inverse(i, i)
+        + part(i, i) * inverse(j, j)
+        + part(i, j) * inverse(j, i)
+    )
 
 
 def _start(problem: Problem) -> _State:

@@ -8,7 +8,7 @@ where N_g z = phi_g. Every unknown is a pair of rows: P_ij (e_i, G_j), mu_gk (N_
 Paper: thm:main_ISS and cor:extension_basis_function are the special cases with the forms e_0, …, e_J only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,22 +18,25 @@ from numpy import ndarray
 from scipy import sparse
 
 from persid.interior_point import Problem, unpack
-from persid.sector import Group, sizes
+from persid.model import PersidskiiModel
+from persid.sector import Curve, Group, groups, sizes
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """x' = G z + B u about its operating point, z = (x_i for i in kept, channel values), with its groups.
+    """x' = G z + B u about its operating point, z = (x_i for i in `states`, values of `channels`), with its groups.
 
-    `kept` lists the coordinates of x that are entries of z (all of them in claim G).
+    Entries of z with a zero column of G that no form touches are left out: channels without effect, and in claim M
+    states that enter through radially unbounded functions alone.
     """
 
     G: Float[ndarray, "n N"]
     B: Float[ndarray, "n m"]
     groups: tuple[Group, ...]
-    kept: tuple[int, ...]
+    states: tuple[int, ...]
+    channels: tuple[int, ...]
 
     @property
     def n(self) -> int:
@@ -41,16 +44,37 @@ class System:
         return len(self.G)
 
     @cached_property
-    def channels(self) -> int:
-        """Number of channels in z."""
-        return self.G.shape[1] - len(self.kept)
+    def places(self) -> dict[int, int]:
+        """The entry of z of each channel that has one."""
+        return {c: len(self.states) + k for k, c in enumerate(self.channels)}
 
     def lift(self, group: Group, forms: Float[ndarray, "K d"]) -> Float[ndarray, "K N"]:
         """Return the rows l'N_g of forms of a group."""
         rows = np.zeros((len(forms), self.G.shape[1]))
-        rows[:, : len(self.kept)] = forms[:, :1] * group.row[list(self.kept)]
-        rows[:, [len(self.kept) + c for c in group.channels]] = forms[:, 1:]
+        rows[:, : len(self.states)] = forms[:, :1] * group.row[list(self.states)]
+        rows[:, [self.places[c] for c in group.channels]] = forms[:, 1:]
         return rows
+
+
+def system(model: PersidskiiModel, pools: Mapping[Curve, Float[ndarray, "K d"]]) -> System:
+    """Return the system of a model about (x_ref, u_ref), the constant b as one more input.
+
+    A state is dropped only where its column is zero and no group that reads it has forms of both signs in y: then
+    -Q can have nothing but zero there (claim M).
+    """
+    channels = model.channels
+    found = groups(channels)
+    active = tuple(int(c) for c in np.flatnonzero(channels.columns.any(axis=0)))
+    kept = tuple(i for i in range(model.n) if channels.A0[:, i].any() or _needs_state(i, found, pools))
+    G = np.hstack([channels.A0[:, list(kept)], channels.columns[:, list(active)]])
+    B = np.hstack([model.B, model.b[:, None]]) if model.b.any() else model.B
+    return System(G, B, found, kept, active)
+
+
+def _needs_state(i: int, found: Sequence[Group], pools: Mapping[Curve, ndarray]) -> bool:
+    """Whether state i must stay an entry of z: a group has forms of both signs in y, or nothing else reads the state."""
+    reading = [group for group in found if group.row[i] and group.channels]
+    return not reading or any((pools[g.curve][:, 0] > 0).any() and (pools[g.curve][:, 0] < 0).any() for g in reading)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +90,11 @@ class Family:
         """Every form in V, every product of two different forms a multiplier."""
         K = len(forms)
         return cls(forms, tuple(range(K)), tuple((k, j) for k in range(K) for j in range(k + 1, K)))
+
+    @property
+    def used(self) -> list[int]:
+        """The forms that take part, in order."""
+        return sorted({*self.densities, *(k for pair in self.products for k in pair)})
 
     def within(self, pool: Float[ndarray, "L d"]) -> "Family":
         """Return the same choice in a pool that begins with these forms."""
@@ -97,10 +126,10 @@ def scaling(system: System) -> Scaling:
         support = np.flatnonzero(group.row)
         if len(support) == 1:
             states[support[0]] = 1 / abs(group.row[support[0]])
-    entries = np.concatenate([states[list(system.kept)], np.ones(system.channels)])
+    entries = np.concatenate([states[list(system.states)], np.ones(len(system.channels))])
     for group in system.groups:
         units = sizes(group.curve) * np.abs(group.row @ states if np.count_nonzero(group.row) > 1 else 1.0)
-        entries[[len(system.kept) + c for c in group.channels]] = np.where(units[1:] > 0, units[1:], 1.0)
+        entries[[system.places[c] for c in group.channels]] = np.where(units[1:] > 0, units[1:], 1.0)
     G = system.G / states[:, None] * entries
     rate = np.linalg.norm(G) / np.sqrt(system.n)
     return Scaling(states, entries, float(rate) or 1.0)
@@ -122,7 +151,7 @@ class Assembly:
 
     def multipliers(self, y: Float[ndarray, " J"]) -> Multipliers:
         """Return the multipliers of a solution in the user's units."""
-        kept = list(self.system.kept)
+        kept = list(self.system.states)
         scaled = unpack(self.problem, y) if self.problem.symmetric else np.diag(y[: len(kept)])
         states = self.units.states[kept]
         P = np.zeros((self.system.n, self.system.n))
@@ -140,21 +169,21 @@ class Assembly:
 
 def assemble(system: System, families: Sequence[Family], *, full_P: bool = False) -> Assembly:
     """Make the interior-point problem of claims G and M: maximise the margin t of -Q >= t I over P, mu and tau."""
-    units, k = scaling(system), len(system.kept)
+    units, k = scaling(system), len(system.states)
     builder = _Builder(system, units)
     if full_P:
-        builder.add(np.repeat(range(k), k), builder.outer(np.tile(system.kept, k)), np.ones(k * k), 1.0)
+        builder.add(np.repeat(range(k), k), builder.outer(np.tile(system.states, k)), np.ones(k * k), 1.0)
     else:
-        builder.add(np.arange(k), builder.outer(np.array(system.kept, int)), np.ones(k), 1.0)
+        builder.add(np.arange(k), builder.outer(np.array(system.states, int)), np.ones(k), 1.0)
     offsets = []
     for group, family in zip(system.groups, families, strict=True):
         offsets.append(builder.count - (k * (k - 1) // 2 if full_P else 0))
-        rows, norms = builder.forms(system.lift(group, family.forms))
+        rows, norms = builder.forms(system.lift(group, family.forms), family.used)
         chosen = list(family.densities)
         gradient, size = builder.gradient(group.row)
         builder.add(rows[chosen], np.full(len(chosen), gradient), norms[chosen] * size, 1.0)
-        pairs = np.array(family.products, int).reshape(-1, 2)
-        builder.add(rows[pairs[:, 0]], rows[pairs[:, 1]], norms[pairs[:, 0]] * norms[pairs[:, 1]], 0.0)
+        k, j = np.array(family.products, int).reshape(-1, 2).T
+        builder.add(rows[k], rows[j], norms[k] * norms[j], 0.0)
     problem, sizes = builder.problem(k if full_P else 0)
     return Assembly(system, tuple(families), units, problem, sizes, tuple(offsets))
 
@@ -166,8 +195,8 @@ class _Builder:
         self.system, self.units = system, units
         self.H = [system.G / units.states[:, None] * units.entries / units.rate]
         self.heights = system.n
-        self.S = [sparse.csr_array(sparse.eye_array(len(system.kept), system.G.shape[1]))]
-        self.height = len(system.kept)
+        self.S = [sparse.csr_array(sparse.eye_array(len(system.states), system.G.shape[1]))]
+        self.height = len(system.states)
         self.p: list[ndarray] = []
         self.q: list[ndarray] = []
         self.sizes: list[ndarray] = []
@@ -186,13 +215,15 @@ class _Builder:
         self.costs.append(np.full(len(p), cost))
         self.count += len(p)
 
-    def forms(self, lifted: ndarray) -> tuple[ndarray, ndarray]:
-        """Add the rows l'N_g in the units of z, made unit vectors; return their places in S and their norms."""
+    def forms(self, lifted: ndarray, used: list[int]) -> tuple[ndarray, ndarray]:
+        """Add the rows l'N_g in use, in the units of z and made unit vectors; return places in S and norms of all."""
         rows = lifted * self.units.entries
         norms = np.linalg.norm(rows, axis=1)
-        self.S.append(sparse.csr_array(rows / norms[:, None]))
-        self.height += len(rows)
-        return np.arange(self.height - len(rows), self.height), norms
+        places = np.full(len(rows), -1)
+        places[used] = np.arange(self.height, self.height + len(used))
+        self.S.append(sparse.csr_array(rows[used] / norms[used, None]))
+        self.height += len(used)
+        return places, norms
 
     def gradient(self, row: ndarray) -> tuple[int, float]:
         """Return the code and the size of r'G: a row of H where r reads one state, a new one otherwise."""
@@ -241,14 +272,14 @@ def _interior(system: System, units: Scaling) -> ndarray:
     magnitude = np.exp(rng.uniform(np.log(0.1), np.log(5.0), (count, system.n)))
     x = magnitude * rng.choice([-1.0, 1.0], magnitude.shape) * units.states
     z = np.zeros((count, system.G.shape[1]))
-    z[:, : len(system.kept)] = x[:, list(system.kept)]
+    z[:, : len(system.states)] = x[:, list(system.states)]
     for group in system.groups:
         y = x @ group.row
         if group.curve.domain is not None:
             low, high = (float(end) for end in group.curve.domain)
             y = np.clip(y, 0.95 * low, 0.95 * high)
         with np.errstate(over="ignore"):
-            z[:, [len(system.kept) + c for c in group.channels]] = np.clip(group.curve.values(y)[:, 1:], -1e6, 1e6)
+            z[:, [system.places[c] for c in group.channels]] = np.clip(group.curve.values(y)[:, 1:], -1e6, 1e6)
     z /= units.entries
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     X = z.T @ z / count

@@ -7,7 +7,7 @@ that the whole pool has no certificate.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from persid.interior_point import Solution, Status, solve
 from persid.lmi import Assembly, Family, System, assemble
+from persid.sector import Curve, Group
 
 FIRST_FORMS = 6  # forms of a pool that the search begins with
 JOINING = 8  # products, and half as many densities, that may join a group in one round
@@ -38,7 +39,7 @@ class Outcome:
 
 def search(
     system: System,
-    pools: tuple[Float[ndarray, "K d"], ...],
+    pools: Mapping[Curve, Float[ndarray, "K d"]],
     *,
     full_P: bool = False,
     time_limit: float = np.inf,
@@ -46,20 +47,32 @@ def search(
 ) -> Outcome:
     """Find multipliers with positive margin, or a dual matrix against every form and product of the pools."""
     started = time.perf_counter()
-    families = tuple(Family.full(pool[:FIRST_FORMS]).within(pool) for pool in pools)
+    families = tuple(_first(system, group, pools[group.curve]) for group in system.groups)
     for count in range(1, ROUNDS + 1):
         assembly = assemble(system, families, full_P=full_P)
         solution = solve(assembly.problem, time_limit=time_limit - (time.perf_counter() - started))
         if progress is not None:
-            progress(f"round {count}: {len(assembly.problem.cost)} unknowns, {len(solution.log)} iterations, {solution.status.name}")
+            progress(
+                f"round {count}: {len(assembly.problem.cost)} unknowns, {len(solution.log)} iterations, {solution.status.name}"
+            )
         if solution.status is not Status.INFEASIBLE:
             break
         grown = tuple(join(assembly, g, solution) for g in range(len(families)))
-        if all(len(new.products) == len(old.products) and len(new.densities) == len(old.densities)
-               for new, old in zip(grown, families, strict=True)):
+        if all(
+            len(new.products) == len(old.products) and len(new.densities) == len(old.densities)
+            for new, old in zip(grown, families, strict=True)
+        ):
             break
         families = grown
     return Outcome(assembly, solution, count)
+
+
+def _first(system: System, group: Group, pool: Float[ndarray, "K d"]) -> Family:
+    """Return the first choice from a pool; where a state that the group reads is dropped, forms with y drop too."""
+    touched = set(np.flatnonzero(group.row)) - set(system.states)
+    usable = pool[pool[:, 0] == 0] if touched else pool
+    usable = usable if group.channels else usable[:0]
+    return Family.full(usable[:FIRST_FORMS]).within(usable)
 
 
 def join(assembly: Assembly, g: int, solution: Solution) -> Family:

@@ -58,26 +58,32 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Channels with one argument row r: entry 0 of phi is y = r'x, entry 1 + j belongs to `channels[j]`."""
+    """Channels with one argument row r: entry 0 of phi is y = r'x, entry 1 + j belongs to `channels[j]`.
+
+    `members` lists all channels with this row; those with a zero column have no effect and no place in phi.
+    """
 
     row: Float[ndarray, " n"]
     channels: tuple[int, ...]
+    members: tuple[int, ...]
     curve: Curve
 
 
 def groups(channels: Channels) -> tuple[Group, ...]:
-    """Group channels by argument row, exactly; the row of a group is the row of its first channel."""
-    members: dict[tuple[tuple[int, Fraction], ...], list[tuple[int, Fraction]]] = {}
+    """Group channels by argument row, exactly; the row of a group is the row of its first channel, active or not."""
+    joined: dict[tuple[tuple[int, Fraction], ...], list[tuple[int, Fraction]]] = {}
     for c, row in enumerate(channels.rows):
         support = np.flatnonzero(row)
         size = abs(Fraction(float(row[support[0]]))) if len(support) else Fraction(1)
         key = tuple((int(i), Fraction(float(row[i])) / size) for i in support)
-        members.setdefault(key, []).append((c, size))
+        joined.setdefault(key, []).append((c, size))
+    active = channels.columns.any(axis=0)
     found = []
-    for joined in members.values():
-        first, size = joined[0]
-        curve = Curve(tuple(channels.functions[c].text for c, _ in joined), tuple(s / size for _, s in joined))
-        found.append(Group(channels.rows[first], tuple(c for c, _ in joined), curve))
+    for members in joined.values():
+        first, size = members[0]
+        present = [(c, s / size) for c, s in members if active[c]]
+        curve = Curve(tuple(channels.functions[c].text for c, _ in present), tuple(factor for _, factor in present))
+        found.append(Group(channels.rows[first], tuple(c for c, _ in present), tuple(c for c, _ in members), curve))
     return tuple(found)
 
 
@@ -118,7 +124,9 @@ def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
     depth = V @ centre
     if depth.min() <= 0:
         return np.zeros((0, d))
-    section = np.linalg.svd(centre[None])[2][1:]  # cut the cone by the plane centre'v = 1: a convex body of dimension d - 1
+    section = np.linalg.svd(centre[None])[2][
+        1:
+    ]  # cut the cone by the plane centre'v = 1: a convex body of dimension d - 1
     points = (V / depth[:, None]) @ section.T
     if d == 2:
         ends = np.array([points.max(), points.min()])

@@ -1,0 +1,209 @@
+"""Certificates: from floating-point multipliers to a file of exact numbers that `persid_check` accepts.
+
+A Certificate holds the very bytes that were accepted; nothing else in persid may say that a model is certified.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid.errors import PersidError
+from persid.files import write_atomically
+from persid.functions import scalar_function
+from persid.model import PersidskiiModel
+
+FORMAT = "persid-certificate-1"
+BITS = 40  # of the mantissa to which multipliers are rounded
+
+
+class RoundingError(PersidError):
+    """The margin of a floating-point solution was lost when its numbers became exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A proof that a model is input-to-state stable, accepted by `persid_check` byte for byte.
+
+    `statement` and `steps` are the checker's own words; `claim` is G, M, E or R.
+    """
+
+    data: bytes
+    claim: str
+    statement: str
+    steps: tuple[str, ...]
+
+    @classmethod
+    def accept(cls, data: bytes) -> "Certificate":
+        """Return the certificate that these bytes are, if the checker accepts them as a proof of stability.
+
+        Raises:
+            RoundingError: the checker rejects them or finds them malformed; the message gives its reason.
+        """
+        answer = persid_check.check(data)
+        if not isinstance(answer, persid_check.Accepted) or answer.claim not in ("G", "M", "E", "R"):
+            where = getattr(answer, "where", "claim")
+            raise RoundingError(f"the checker does not accept it: {where}: {getattr(answer, 'why', answer)}")
+        return cls(data, answer.claim, answer.statement, answer.steps)
+
+    def save(self, path: str | Path) -> None:
+        """Write the accepted bytes."""
+        write_atomically(path, self.data)
+
+    @cached_property
+    def content(self) -> dict[str, Any]:
+        """The certificate as an object."""
+        return json.loads(self.data)
+
+    @cached_property
+    def model(self) -> PersidskiiModel:
+        """The model of which the certificate speaks."""
+        return PersidskiiModel.from_dict(_decimal(self.content["model"]))
+
+    @property
+    def scope(self) -> str:
+        """Whether the claim holds for all initial states ("global") or in a region ("regional")."""
+        return "regional" if self.claim == "R" else "global"
+
+    @property
+    def operating_point(self) -> Float[ndarray, " n"]:
+        """The state about which stability is claimed, in the user's units."""
+        point = self.content["operating_point"]
+        return self.model.x_ref if point is None else np.array([value(pair) for pair in point["x"]])
+
+    @cached_property
+    def P(self) -> Float[ndarray, "n n"]:
+        """The matrix of the quadratic part of V."""
+        stored = self.content["P"]
+        if "diagonal" in stored:
+            return np.diag([value(pair) for pair in stored["diagonal"]])
+        rows = [[value(pair) for pair in row] for row in stored["lower"]]
+        lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
+        return lower + np.tril(lower, -1).T
+
+    def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
+        """Return the Lyapunov function at states x (N, n): V(x) = dx'P dx + 2 sum of integrals, dx = x - x*."""
+        channels, point = self.model.channels, self.operating_point
+        dx = np.asarray(x, float) - point
+        total = np.einsum("ki,ij,kj->k", dx, self.P, dx)
+        for group, stored in zip(persid_check.groups(self.model.to_dict()), self.content["groups"], strict=True):
+            row = np.zeros(self.model.n)
+            row[list(group.row)] = [float(v) for v in group.row.values()]
+            density = sum(
+                (
+                    value(mu) * np.array([value(c) for c in form])
+                    for mu, form in zip(stored["mu"], stored["forms"], strict=True)
+                ),
+                start=np.zeros(1 + len(group.members)),
+            )
+            y, at = dx @ row, float(row @ (point - self.model.x_ref))
+            total = total + density[0] * y**2
+            for weight, (c, alpha) in zip(density[1:], group.members, strict=True):
+                f, a = channels.functions[c], float(alpha)
+                start, slope = np.array([a * at]), f.value(np.array([a * at]))
+                integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y
+                total = total + 2 * weight * integral
+        return total
+
+
+def load_certificate(path: str | Path) -> Certificate:
+    """Read a certificate; the checker reads it too, and what it does not accept is refused.
+
+    Raises:
+        RoundingError: the checker does not accept the file.
+    """
+    return Certificate.accept(Path(path).read_bytes())
+
+
+def value(pair: Sequence[int]) -> float:
+    """Return the float nearest to a dyadic [mantissa, exponent]."""
+    return float(np.ldexp(float(pair[0]), pair[1]))
+
+
+def dyadic(number: float, bits: int | None = None) -> list[int]:
+    """Return [mantissa, exponent] of a float, exactly, or rounded to a number of bits first."""
+    if number == 0:
+        return [0, 0]
+    fraction, exponent = np.frexp(number)
+    digits = 53 if bits is None else bits
+    mantissa, exponent = round(float(np.ldexp(fraction, digits))), int(exponent) - digits
+    zeros = (mantissa & -mantissa).bit_length() - 1
+    return [mantissa >> zeros, exponent + zeros]
+
+
+def dyadics(numbers: Iterable[float], bits: int | None = None) -> list[list[int]]:
+    """Return the dyadics of numbers."""
+    return [dyadic(float(number), bits) for number in numbers]
+
+
+def rounded(numbers: Float[ndarray, "*shape"], bits: int = BITS) -> Float[ndarray, "*shape"]:
+    """Return numbers rounded to the floats that `dyadic` writes."""
+    fraction, exponent = np.frexp(numbers)
+    return np.ldexp(np.round(np.ldexp(fraction, bits)), exponent - bits)
+
+
+def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
+    """Return an integer inverse Cholesky factor T of M (T M T' nearly diagonal): the untrusted half of a proof that M > 0.
+
+    Raises:
+        RoundingError: M is not positive definite in floating point.
+    """
+    size = len(M)
+    if not size:
+        return []
+    diagonal = np.diag(M)
+    if not (np.isfinite(M).all() and (diagonal > 0).all()):
+        raise RoundingError("a matrix of the proof has no positive diagonal")
+    exponents = -np.round(np.log2(diagonal) / 2).astype(int)
+    scaled = np.ldexp(np.ldexp(M, exponents), exponents[:, None])
+    try:
+        L = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
+    T = sla.solve_triangular(L, np.eye(size), lower=True)
+    condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
+    bits = int(np.clip(np.ceil(np.log2(10 * size * condition)), 12, 50))
+    shifts = [int(e) for e in exponents - exponents.min()]
+    entries = np.round(np.ldexp(T, bits))
+    return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]
+
+
+def encode(content: dict[str, Any]) -> bytes:
+    """Write a certificate's object as readable JSON: one line for a row of numbers."""
+    lines = [f"{json.dumps(name)}: {_lines(entry)}" for name, entry in content.items()]
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode("utf-8")
+
+
+def _lines(entry: Any, depth: int = 1) -> str:
+    compact = json.dumps(entry)
+    if len(compact) < 100 or depth > 3 or not isinstance(entry, list | dict):
+        return compact
+    pad = " " * depth
+    if isinstance(entry, list):
+        return "[\n" + ",\n".join(pad + _lines(part, depth + 1) for part in entry) + "]"
+    return (
+        "{\n" + ",\n".join(f"{pad}{json.dumps(name)}: {_lines(part, depth + 1)}" for name, part in entry.items()) + "}"
+    )
+
+
+def _decimal(form: Any) -> Any:
+    """Turn the canonical form's hexadecimal floats back into numbers."""
+    data = dict(form)
+    for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
+        data[name] = _numbers(data[name])
+    data["terms"] = [{"f": t["f"], "R": _numbers(t["R"]), "A": _numbers(t["A"])} for t in data["terms"]]
+    return data
+
+
+def _numbers(entry: Any) -> Any:
+    if isinstance(entry, list):
+        return [_numbers(part) for part in entry]
+    return float.fromhex(entry) if isinstance(entry, str) else entry
