@@ -1,11 +1,103 @@
-"""stub"""
+"""Operating points: exactly one equilibrium in a ball, by the Krawczyk operator in interval arithmetic."""
 
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from typing import Any
+
+from flint import arb, arb_mat, ctx
+
+from persid_check.enclosure import Interval, UndefinedError, between, constant, value, value_and_slope
+from persid_check.model import Model, read_model
+
+PRECISION = 192
+RADII = tuple(Fraction(1, 2**k) for k in (48, 40, 32, 24, 16, 10))  # tried in this order, times the size of x
+
+Vector = Sequence[Fraction]
 
 
-def has_unique_equilibrium(model, x, radius, u):
-    return False
+def prove_equilibrium(data: Mapping[str, Any], x: Vector, u: Vector) -> Fraction | None:
+    """Return a radius r such that exactly one equilibrium for the constant input u lies in |x* - x|_inf <= r, or None.
 
-
-def prove_equilibrium(model_dict, x, u):
+    The radius 0 means that x itself is an equilibrium, exactly.
+    """
+    model = read_model(data)
+    with ctx.workprec(PRECISION):
+        size = 1 + max((abs(Fraction(value)) for value in x), default=Fraction(0))
+        scale = Fraction(2) ** int(size).bit_length()
+        center, constant_input = [Fraction(v) for v in x], [Fraction(v) for v in u]
+        for radius in (Fraction(0), *(r * scale for r in RADII)):
+            if has_unique_equilibrium(model, center, radius, constant_input):
+                return radius
     return None
+
+
+def has_unique_equilibrium(model: Model, x: Vector, radius: Fraction, u: Vector) -> bool:
+    """Whether F(., u) is proved to have exactly one zero in |. - x|_inf <= radius; radius 0 needs F(x, u) = 0 exactly."""
+    if radius < 0:
+        return False
+    try:
+        F = flow(model, [constant(v) for v in x], u)
+        if radius == 0:
+            return all(f.lo == 0 and f.hi == 0 for f in F)
+        return _contracts(F, jacobian(model, ball(x, radius)), radius)
+    except (UndefinedError, ZeroDivisionError):
+        return False
+
+
+def _contracts(F: Sequence[Interval], J: Sequence[Sequence[Interval]], radius: Fraction) -> bool:
+    """-Y F(x) + (I - Y J) [-r, r] lies in the interior of [-r, r], for some Y (the inverse of the middle of J)."""
+    n = len(F)
+    middle = arb_mat(n, n, [entry.ball().mid() for row in J for entry in row])
+    Y = arb_mat(n, n, [entry.mid() for entry in middle.inv().entries()])
+    rest = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)]) - Y * arb_mat(
+        n, n, [entry.ball() for row in J for entry in row]
+    )
+    step = Y * arb_mat(n, 1, [f.ball() for f in F])
+    limit = constant(radius).lo
+    for i in range(n):
+        reach = abs(step[i, 0]) + limit * sum((abs(rest[i, j]) for j in range(n)), arb(0))
+        if not reach < limit:
+            return False
+    return True
+
+
+def ball(x: Vector, radius: Fraction) -> list[Interval]:
+    """Return the intervals x_i - radius .. x_i + radius."""
+    return [between(v - radius, v + radius) for v in x]
+
+
+def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
+    """Return an enclosure of F(x, u), for states in intervals and an exact input."""
+    offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
+    inputs = [constant(a - b) for a, b in zip(u, model.u_ref, strict=True)]
+    total = [constant(Fraction(b)) for b in model.b]
+    for i in range(model.n):
+        for a, d in zip(model.A0[i], offset, strict=True):
+            total[i] = total[i] + constant(a) * d if a else total[i]
+        for b, v in zip(model.B[i], inputs, strict=True):
+            total[i] = total[i] + constant(Fraction(b)) * v if b else total[i]
+    for channel in model.channels:
+        f = value(channel.program, _argument(channel.row, offset))
+        for i, a in enumerate(channel.column):
+            total[i] = total[i] + constant(Fraction(a)) * f if a else total[i]
+    return total
+
+
+def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:
+    """Return an enclosure of dF/dx over a box (at kinks, of all limits of the derivative)."""
+    offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
+    J = [[constant(a) for a in row] for row in model.A0]
+    for channel in model.channels:
+        y = _argument(channel.row, offset)
+        slope = value_and_slope(channel.program, y, constant(Fraction(1)))[1]
+        for i, a in enumerate(channel.column):
+            for j, r in channel.row.items() if a else ():
+                J[i][j] = J[i][j] + constant(Fraction(a) * r) * slope
+    return J
+
+
+def _argument(row: Mapping[int, Fraction], offset: Sequence[Interval]) -> Interval:
+    total = constant(Fraction(0))
+    for i, r in row.items():
+        total = total + constant(r) * offset[i]
+    return total

@@ -1,7 +1,197 @@
-"""stub"""
+"""Claim "refuted": witnesses that the model is not ISS for the constant input u, whatever the point."""
 
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+
+from persid_check import sentences
+from persid_check.enclosure import Interval, UndefinedError, constant, value
+from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
+from persid_check.exact import is_positive_definite
+from persid_check.format import Factor, Point, Refutation
+from persid_check.model import Channel
+from persid_check.prover import prove_bounded, prove_bounded_below, prove_continuous, prove_nondecreasing
 from persid_check.results import NotProvedError
 
+INFLATION = Fraction(1, 2**60)  # an unstable equilibrium is proved so on a neighbourhood of its ball, however small
 
-def prove_refutation(claim):
-    raise NotProvedError("claim", "not yet")
+_AXIS = (Fraction(0), Fraction(1))
+
+
+def prove_refutation(claim: Refutation) -> tuple[str, tuple[str, ...]]:
+    """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
+    for i, point in enumerate(claim.points):
+        if not has_unique_equilibrium(claim.subject.model, point.x, point.radius, point.u):
+            raise NotProvedError(f"witness.points[{i}]", "no proof that exactly one equilibrium lies in the ball")
+    for c, channel in enumerate(claim.subject.model.channels):
+        if not prove_continuous(_curve(channel)):
+            raise NotProvedError(f"channel {c}", "no proof that its function is continuous on R")
+    _KINDS[claim.kind](claim)
+    return sentences.refutation(claim), sentences.refutation_steps(claim)
+
+
+def _curve(channel: Channel) -> tuple[tuple[tuple, Fraction]]:  # type: ignore[type-arg]
+    return ((channel.program, Fraction(1)),)
+
+
+def _two_equilibria(claim: Refutation) -> None:
+    """Two balls, each with an equilibrium at u, have no point in common."""
+    one, two = claim.points
+    if not any(abs(a - b) > one.radius + two.radius for a, b in zip(one.x, two.x, strict=True)):
+        raise NotProvedError("witness.points", "the two balls are not proved disjoint")
+
+
+def _unstable_equilibrium(claim: Refutation) -> None:
+    """J'S + S J - 2 sigma S > 0 for every Jacobian about the ball: x'Sx grows where it is positive."""
+    point = claim.points[0]
+    size = 1 + max(abs(v) for v in point.x)
+    try:
+        J = jacobian(claim.subject.model, ball(point.x, point.radius + INFLATION * size))
+    except UndefinedError:
+        raise NotProvedError("witness.point", "the Jacobian is not enclosed about the ball") from None
+    _grows(claim, J)
+
+
+def _unstable_linear_part(claim: Refutation) -> None:
+    """Every function with a nonzero column is bounded, and x' = A0 x grows exponentially."""
+    for c, channel in enumerate(claim.subject.model.channels):
+        if any(channel.column) and not prove_bounded(_curve(channel), _AXIS):
+            raise NotProvedError(f"channel {c}", "no proof that its function is bounded on R")
+    _grows(claim, [[constant(a) for a in row] for row in claim.subject.model.A0])
+
+
+def _grows(claim: Refutation, J: Sequence[Sequence[Interval]]) -> None:
+    """S, sigma >= 0, e with e'Se > 0, and J'S + S J - 2 sigma S > 0 for every J in the intervals."""
+    n, sigma, e = claim.subject.model.n, claim.number, claim.vector
+    S = [[claim.S[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+    if sigma < 0:
+        raise NotProvedError("witness.sigma", "it is negative")
+    if not sum(e[i] * S[i][j] * e[j] for i in range(n) for j in range(n)) > 0:
+        raise NotProvedError("witness.direction", "e'Se is not positive")
+    if not is_positive_definite(_lower_bound(S, sigma, J), claim.factor):
+        raise NotProvedError("witness.T", "J'S + S J - 2 sigma S is not proved positive definite")
+
+
+def _lower_bound(
+    S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]
+) -> list[list[Fraction]]:
+    """The middle of J'S + S J - 2 sigma S over the intervals, less the row sums of the radii on its diagonal."""
+    n = len(S)
+    low, high = _ends(J, 0), _ends(J, 1)
+    middle = [[(a + b) / 2 for a, b in zip(*rows, strict=True)] for rows in zip(low, high, strict=True)]
+    radius = [[(b - a) / 2 for a, b in zip(*rows, strict=True)] for rows in zip(low, high, strict=True)]
+    SJ = _product(S, middle)
+    spread = _product([[abs(s) for s in row] for row in S], radius)
+    M = [[SJ[i][j] + SJ[j][i] - 2 * sigma * S[i][j] for j in range(n)] for i in range(n)]
+    for i in range(n):
+        M[i][i] -= sum((spread[i][j] + spread[j][i] for j in range(n)), Fraction(0))
+    return M
+
+
+def _product(A: Sequence[Sequence[Fraction]], B: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
+    columns = list(zip(*B, strict=True))
+    return [
+        [sum((a * b for a, b in zip(row, column, strict=True) if a and b), Fraction(0)) for column in columns]
+        for row in A
+    ]
+
+
+def _ends(J: Sequence[Sequence[Interval]], which: int) -> list[list[Fraction]]:
+    return [[_exact(entry.hi if which else entry.lo) for entry in row] for row in J]
+
+
+def _exact(number) -> Fraction:  # type: ignore[no-untyped-def]
+    mantissa, exponent = number.man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def _marginal_direction(claim: Refutation) -> None:
+    """w'A0 = 0, w'B != 0 and every (w'a_c) f_c bounded below: some constant input drives w'x to infinity."""
+    model, w = claim.subject.model, claim.vector
+    if any(_dot(w, [row[j] for row in model.A0]) for j in range(model.n)):
+        raise NotProvedError("witness.direction", "w'A0 is not zero")
+    if not any(_dot(w, [Fraction(row[l]) for row in model.B]) for l in range(model.m)):
+        raise NotProvedError("witness.direction", "w'B is zero, and then no input drives w'x")
+    for c, channel in enumerate(model.channels):
+        factor = _dot(w, [Fraction(a) for a in channel.column])
+        if factor and not prove_bounded_below(_curve(channel), (Fraction(0), factor)):
+            raise NotProvedError(f"channel {c}", "no proof that (w'a) f is bounded from below")
+
+
+def _dot(w: Sequence[Fraction], v: Sequence[Fraction]) -> Fraction:
+    return sum((a * b for a, b in zip(w, v, strict=True) if a and b), Fraction(0))
+
+
+def _cooperative_growth(claim: Refutation) -> None:
+    """A start above the equilibrium, F > 0 there, off-diagonal slopes >= 0: the state never comes back."""
+    point, start, model = claim.points[0], claim.vector, claim.subject.model
+    lows = [s - x - point.radius for s, x in zip(start, point.x, strict=True)]
+    if any(low < 0 for low in lows) or not any(low > 0 for low in lows):
+        raise NotProvedError("witness.start", "it is not proved to lie above the equilibrium")
+    if any(a < 0 for i, row in enumerate(model.A0) for j, a in enumerate(row) if i != j):
+        raise NotProvedError("model.A0", "an entry off the diagonal is negative")
+    for c, channel in enumerate(model.channels):
+        if not any(channel.column):
+            continue
+        if not prove_nondecreasing(_curve(channel), _AXIS):
+            raise NotProvedError(f"channel {c}", "no proof that its function is nondecreasing")
+        if any(Fraction(a) * r < 0 for i, a in enumerate(channel.column) for j, r in channel.row.items() if i != j):
+            raise NotProvedError(f"channel {c}", "a slope off the diagonal may be negative")
+    try:
+        F = flow(model, [constant(v) for v in start], claim.u)
+    except UndefinedError:
+        raise NotProvedError("witness.start", "F is not enclosed there") from None
+    if not all(f.lo > 0 for f in F):
+        raise NotProvedError("witness.start", "F is not proved positive there")
+
+
+def _invariant_line(claim: Refutation) -> None:
+    """F(x_ref + s v, u) = g(s) v for all s, exactly; g(0) = 0, and s0 g(s0) >= 0 at some s0 != 0."""
+    model, v, s0 = claim.subject.model, claim.vector, claim.number
+    place = next((i for i, entry in enumerate(v) if entry), None)
+    if place is None or s0 == 0:
+        raise NotProvedError("witness", "the direction and the offset must not be zero")
+    inputs = [a - b for a, b in zip(claim.u, model.u_ref, strict=True)]
+    rest = [_dot([Fraction(b) for b in row], inputs) + Fraction(b) for row, b in zip(model.B, model.b, strict=True)]
+    if any(rest):
+        raise NotProvedError("witness", "x_ref is not an equilibrium for u")
+    parts = _along(model.channels, v)
+    linear = [_dot(row, v) for row in model.A0]
+    if any(
+        column[i] * v[place] != column[place] * v[i] for column in (linear, *parts.values()) for i in range(model.n)
+    ):
+        raise NotProvedError("witness.direction", "the line is not proved invariant")
+    try:
+        if any(not _is_zero(value(program, constant(Fraction(0)))) for program, _ in parts):
+            raise NotProvedError("witness", "x_ref is not an equilibrium for u")
+        g = constant(linear[place] / v[place] * s0)
+        for (program, rho), column in parts.items():
+            g = g + constant(column[place] / v[place]) * value(program, constant(rho * s0))
+    except UndefinedError:
+        raise NotProvedError("witness.offset", "g is not enclosed there") from None
+    if not (constant(s0) * g).lo >= 0:
+        raise NotProvedError("witness.offset", "s g(s) is not proved to be at least 0 there")
+
+
+def _is_zero(enclosed: Interval) -> bool:
+    return bool(enclosed.lo == 0 and enclosed.hi == 0)
+
+
+def _along(channels: Sequence[Channel], v: Sequence[Fraction]) -> Mapping[tuple, list[Fraction]]:  # type: ignore[type-arg]
+    """Columns summed over the channels that are one function of s on the line: equal program and equal r'v."""
+    parts: dict[tuple, list[Fraction]] = {}  # type: ignore[type-arg]
+    for channel in channels:
+        rho = sum((r * v[i] for i, r in channel.row.items()), Fraction(0))
+        column = [Fraction(a) for a in channel.column]
+        old = parts.get((channel.program, rho), [Fraction(0)] * len(column))
+        parts[channel.program, rho] = [a + b for a, b in zip(old, column, strict=True)]
+    return parts
+
+
+_KINDS: dict[str, Callable[[Refutation], None]] = {
+    "two-equilibria": _two_equilibria,
+    "unstable-equilibrium": _unstable_equilibrium,
+    "unstable-linear-part": _unstable_linear_part,
+    "marginal-direction": _marginal_direction,
+    "cooperative-growth": _cooperative_growth,
+    "invariant-line": _invariant_line,
+}

@@ -1,4 +1,4 @@
-"""The checker's own sentences: what was proved, and the steps of the proof."""
+"""The checker's own sentences: what was proved, and the steps of the proof. Nothing of the file's text is repeated."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from persid_check.format import Stability
+from persid_check.format import Infeasibility, Point, Refutation, Stability, Subject
 
 if TYPE_CHECKING:
     from persid_check.claims import Setting
+
+SHOWN = 12  # entries of a list that are printed
 
 
 def decimal(value: Fraction, *, up: bool = True, digits: int = 6) -> str:
@@ -30,55 +32,185 @@ def _quotient(value: Fraction, up: bool, digits: int) -> Decimal:
     return context.divide(Decimal(value.numerator), Decimal(value.denominator))
 
 
-def vector(values: Sequence[Fraction], digits: int = 6) -> str:
-    """Return a tuple of numbers as text, to so many digits."""
-    shown = [decimal(value, digits=digits) for value in values[:12]]
-    return f"({', '.join(shown)}{', ...' if len(values) > 12 else ''})"
+def _vector(values: Sequence[Fraction]) -> str:
+    """Numbers to six digits, marked where they are rounded."""
+    shown = []
+    for value in values[:SHOWN]:
+        low, high = decimal(value, up=False), decimal(value)
+        shown.append(low if low == high else f"~{low}")
+    return f"({', '.join(shown)}{', ...' if len(values) > SHOWN else ''})"
+
+
+def _model(subject: Subject) -> str:
+    model = subject.model
+    names = ", ".join(model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
+    return f"The model with states {names} ({model.n}), {model.m} inputs and SHA-256 {subject.sha256}"
 
 
 def stability(claim: Stability, everywhere: bool) -> str:
     """Return the sentence of claims G, M, E and R."""
-    parts = [_subject(claim), _place(claim), *_estimate(claim)]
+    kind = "regionally input-to-state stable" if claim.subject.claim == "R" else "globally input-to-state stable"
+    parts = [f"{_model(claim.subject)} is {kind} {_place(claim)}.", *_estimate(claim)]
     if everywhere:
         parts.append("The same holds, with the same numbers, about every equilibrium of every constant input.")
-    return " ".join(part for part in parts if part)
-
-
-def _subject(claim: Stability) -> str:
-    model = claim.subject.model
-    return f"The model with {model.n} states, {model.m} inputs and SHA-256 {claim.subject.sha256}"
+    return " ".join(parts)
 
 
 def _place(claim: Stability) -> str:
-    if claim.point is not None:
-        where = f"about the one equilibrium x* within {decimal(claim.point.radius)} of {vector(claim.point.x)}"
-        where += f" for the constant input u* = {vector(claim.point.u)}"
-    else:
-        where = f"about x* = x_ref = {vector(claim.subject.model.x_ref)} for u* = u_ref"
-        if any(claim.subject.model.b):
-            where += ", with the constant b counted as one more input b v (the model itself has v = 1)"
-    kind = "regionally input-to-state stable" if claim.subject.claim == "R" else "input-to-state stable (global)"
-    return f"is {kind} {where}."
+    model, point = claim.subject.model, claim.point
+    if point is not None:
+        return f"about {_equilibrium(point)}"
+    where = f"about x* = x_ref = {_vector(model.x_ref)} for u* = u_ref = {_vector(model.u_ref)}"
+    if any(model.b):
+        where += (
+            ", with the constant b counted as one more input, b v, which in the model itself is held at v = 1 and not 0"
+        )
+    return where
+
+
+def _equilibrium(point: Point) -> str:
+    ball = f"within {decimal(point.radius)} of {_vector(point.x)}" if point.radius else f"= {_vector(point.x)} exactly"
+    return f"the one equilibrium x* {ball} for the constant input u* = {_vector(point.u)}"
 
 
 def _estimate(claim: Stability) -> list[str]:
     if claim.subject.claim not in ("E", "R"):
         return []
-    rate = decimal(claim.kappa / 2, up=False)
-    factor = root(1 / claim.p)
-    gain = root(claim.gamma / (claim.kappa * claim.p))
-    text = f"|x(t) - x*| <= {factor} sqrt(V(x(0))) exp(-{rate} t) + {gain} sup|u - u*| for all t >= 0."
+    rate, gain = decimal(claim.kappa / 2, up=False), root(claim.gamma / (claim.kappa * claim.p))
+    offset = "sup|(u - u*, v)|" if claim.point is None and any(claim.subject.model.b) else "sup|u - u*|"
+    bound = f"|x(t) - x*| <= {root(1 / claim.p)} sqrt(V(x(0))) exp(-{rate} t) + {gain} {offset} for all t >= 0"
     if claim.subject.claim == "E":
-        return [text]
-    sides = ", ".join(f"[{decimal(lo)}, {decimal(hi, up=False)}]" for lo, hi in claim.box[:12])
+        return [f"{bound}."]
+    sides = ", ".join(f"[{decimal(lo, up=False)}, {decimal(hi)}]" for lo, hi in claim.box[:SHOWN])
     return [
-        f"Within the box {sides}, from every x(0) with V(x(0)) <= {decimal(claim.level, up=False)} and for"
-        f" sup|u - u*| <= {decimal(claim.input_bound, up=False)}, x stays there and {text}"
+        f"The set of x in the box {sides} with V(x) <= {decimal(claim.level, up=False)} is invariant for inputs with"
+        f" sup|u - u*| <= {decimal(claim.input_bound, up=False)}, and from every x(0) in it {bound}."
     ]
 
 
 def stability_steps(
     claim: Stability, settings: Sequence[Setting], kept: Sequence[int], everywhere: bool
 ) -> tuple[str, ...]:
-    """Return the proof as steps."""
-    return ()
+    """Return the proof of claims G, M, E and R as steps."""
+    name, model = claim.subject.claim, claim.subject.model
+    steps = [f"The model's hash agrees; n = {model.n}, channels = {len(model.channels)}, inputs = {model.m}."]
+    if claim.point is not None and claim.point.radius:
+        steps.append(f"Krawczyk's operator proves exactly one equilibrium in the ball: {_equilibrium(claim.point)}.")
+    elif claim.point is not None:
+        steps.append("F(x*, u*) = 0 was evaluated exactly.")
+    steps += [step for setting in settings for step in _group_steps(claim, setting)]
+    if claim.dropped:
+        steps.append(f"{len(claim.dropped)} entries of z are dropped; nothing touches them.")
+    steps.append(f"Q, E and the input columns were assembled exactly; {len(kept)} entries of z are kept.")
+    steps.append(_LOWER_BOUND[name])
+    loss = "-Q - kappa W" if name in ("E", "R") else "-Q"
+    inputs = model.m + (claim.point is None and any(model.b))
+    steps.append(
+        f"[[{loss}, -E B], [-B'E', gamma I]] > 0 of size {len(kept) + inputs}: T M T' is strictly diagonally dominant."
+    )
+    steps.append(_THEOREM[name])
+    if everywhere:
+        steps.append("Every form that is used is nondecreasing on R, so all of it holds about every equilibrium.")
+    return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))
+
+
+_LOWER_BOUND = {
+    "G": "P > 0 was proved exactly, so V(x) >= t |x - x*|^2 for some t > 0.",
+    "M": "P > 0 on the kept states was proved exactly; they and the rows of unbounded strict channels span R^n.",
+    "E": "P - p I > 0 was proved exactly, so V(x) >= p |x - x*|^2.",
+    "R": "P + sum mu d r r' - p I > 0, and V > level on every face of the box, were proved exactly.",
+}
+_THEOREM = {
+    "G": "So V' <= -t |z|^2 + gamma |u - u*|^2 for some t > 0: V is an ISS-Lyapunov function (claim G).",
+    "M": "So V' <= -t |z_K|^2 + gamma |u - u*|^2, and V and |z_K| are positive definite and proper: ISS (claim M).",
+    "E": "So V <= z'W z and V' <= -kappa V + gamma |u - u*|^2: the estimate follows by integration (claim E).",
+    "R": "So V' <= -kappa V + gamma |u - u*|^2 while x is in the box, which it cannot leave (claim R).",
+}
+
+
+def _group_steps(claim: Stability, setting: Setting) -> list[str]:
+    used = setting.proof.used()
+    if not used:
+        return []
+    model = claim.subject.model
+    functions = ", ".join(_channel(model.channels[c].text, alpha) for c, alpha in setting.group.members)
+    row = " + ".join(f"{decimal(r)} {model.states[i]}" for i, r in list(setting.group.row.items())[:SHOWN])
+    where = "R" if setting.domain is None else f"[{decimal(setting.domain[0])}, {decimal(setting.domain[1])}]"
+    shift = "" if setting.shift is None else f", shifted by y* = {_vector(setting.shift[:1])}"
+    forms = "; ".join(_form(setting, k) for k in used)
+    return [f"Group {setting.index}, y = {row or '0'}, phi = (y, {functions}){shift}, proved on {where}: {forms}."]
+
+
+def _channel(text: str, alpha: Fraction) -> str:
+    return text if alpha == 1 else f"{text} at {decimal(alpha)} y"
+
+
+def _form(setting: Setting, k: int) -> str:
+    proof = setting.proof
+    text = f"y l{k}'phi >= 0 for l{k} = {_vector(proof.forms[k])}"
+    if proof.integral and proof.mu[k]:
+        text += f" with integral <= c y l'phi, c = {decimal(proof.integral[k] or Fraction(0))}"
+    if proof.quadratic and proof.mu[k] and proof.quadratic[k]:
+        text += f" and >= d y^2 / 2, d = {decimal(proof.quadratic[k] or Fraction(0), up=False)}"
+    return text
+
+
+def infeasibility(claim: Infeasibility) -> str:
+    """Return the sentence of claim "infeasible"."""
+    count = sum(len(proof.forms) for proof in claim.groups)
+    P = "P >= 0" if claim.full else "a diagonal P >= 0 (diagonal P only)"
+    return (
+        f"For {_model(claim.subject)[0].lower()}{_model(claim.subject)[1:]} there is no certificate of claim G, M or E with {P}"
+        f" and with Lyapunov densities and in-group products of the {count} forms in the file (and y)."
+        " This does not refute stability."
+    )
+
+
+def infeasibility_steps(claim: Infeasibility) -> tuple[str, ...]:
+    """Return the proof of claim "infeasible" as steps."""
+    return (
+        f"1. X = L L' with L of {len(claim.L)} rows and {len(claim.L[0])} columns is positive semidefinite by construction.",
+        "2. <F, X> > 0 was proved exactly for the generators of P, of every mu, of every pair of forms and of every (y, form).",
+        "3. A certificate would give Q < 0, so <Q, X> <= 0, with Q a sum of these generators: a contradiction.",
+    )
+
+
+def refutation(claim: Refutation) -> str:
+    """Return the sentence of claim "refuted"."""
+    u = f"the constant input u = {_vector(claim.u)}"
+    places = " and ".join(_vector(point.x) for point in claim.points)
+    reason = {
+        "two-equilibria": f"at {u} it rests both near {places}",
+        "unstable-equilibrium": f"at {u} it has an unstable equilibrium near {places}",
+        "unstable-linear-part": "its functions are bounded and its linear part grows exponentially",
+        "marginal-direction": f"some constant input drives w'x to infinity, w = {_vector(claim.vector)}",
+        "cooperative-growth": f"at {u} it never returns from {_vector(claim.vector)} to its equilibrium near {places}",
+        "invariant-line": f"at {u} it never returns from x_ref + s v, s = {_vector((claim.number,))}, v = {_vector(claim.vector)}",
+    }[claim.kind]
+    about = (
+        "any point for any input"
+        if claim.kind in ("unstable-linear-part", "marginal-direction")
+        else f"any point for {u}"
+    )
+    return f"{_model(claim.subject)} is not input-to-state stable about {about}: {reason}."
+
+
+def refutation_steps(claim: Refutation) -> tuple[str, ...]:
+    """Return the proof of claim "refuted" as steps."""
+    steps = ["The model's hash agrees, and every function is continuous on R."]
+    steps += [f"Proved: {_equilibrium(point)}." for point in claim.points]
+    steps.append(_WITNESS[claim.kind])
+    return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))
+
+
+_WITNESS = {
+    "two-equilibria": "The balls are disjoint; under this input no point attracts both.",
+    "unstable-equilibrium": "J'S + S J - 2 sigma S > 0 for every Jacobian J about the ball, sigma >= 0, and e'Se > 0:"
+    " (x - x*)'S(x - x*) grows from arbitrarily near x*, so x* is unstable.",
+    "unstable-linear-part": "A0'S + S A0 - 2 sigma S > 0, sigma >= 0, e'Se > 0, and every other term is bounded:"
+    " from far out along e, x'Sx grows without bound.",
+    "marginal-direction": "w'A0 = 0, w'B is not 0, and every (w'a) f is bounded below: a large constant input makes w'x grow.",
+    "cooperative-growth": "F > 0 at the start, which lies above x*, and no off-diagonal slope is negative:"
+    " {x >= start} is invariant and does not hold x*.",
+    "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: s never returns to 0.",
+}

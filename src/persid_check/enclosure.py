@@ -1,0 +1,343 @@
+"""Intervals with exact dyadic endpoints; every operation rounds outwards, by `arb`.
+
+An operation on intervals raises UndefinedError unless the function is defined and continuous on all of its argument.
+So a program that runs through on an interval is continuous there: that is how continuity is proved.
+"""
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import lru_cache
+from typing import Protocol, Self, TypeVar
+
+from flint import arb, fmpq
+
+from persid_check.expression import Program
+
+
+class UndefinedError(ArithmeticError):
+    """A function is not proved to be defined, continuous and finite on the whole argument."""
+
+
+class Element(Protocol):
+    """What a program may be run on: an interval, or an expansion at 0 or at infinity."""
+
+    def __add__(self, other: Self) -> Self: ...
+    def __sub__(self, other: Self) -> Self: ...
+    def __mul__(self, other: Self) -> Self: ...
+    def __truediv__(self, other: Self) -> Self: ...
+    def __neg__(self) -> Self: ...
+
+    def power(self, exponent: Fraction) -> Self:
+        """Return self ** exponent, an integer or a half-integer."""
+
+    def apply(self, name: str) -> Self:
+        """Return a function of the grammar."""
+
+    def slope(self, name: str) -> Self:
+        """Return the derivative of abs, relu, sat or deadzone; at a kink, all values between the two sides."""
+
+    def constant(self, value: Fraction) -> Self:
+        """Return a constant of the same kind."""
+
+
+E = TypeVar("E", bound=Element)
+_ZERO, _ONE = arb(0), arb(1)
+
+
+class Interval:
+    """All numbers from `lo` to `hi`, both finite."""
+
+    __slots__ = ("hi", "lo")
+
+    def __init__(self, lo: arb, hi: arb) -> None:
+        self.lo, self.hi = lo, hi
+
+    def __repr__(self) -> str:
+        return f"Interval({self.lo.str(10)}, {self.hi.str(10)})"
+
+    def __add__(self, other: "Interval") -> "Interval":
+        return Interval((self.lo + other.lo).lower(), (self.hi + other.hi).upper())
+
+    def __sub__(self, other: "Interval") -> "Interval":
+        return Interval((self.lo - other.hi).lower(), (self.hi - other.lo).upper())
+
+    def __neg__(self) -> "Interval":
+        return Interval(-self.hi, -self.lo)
+
+    def __mul__(self, other: "Interval") -> "Interval":
+        a, b, c, d = self.lo, self.hi, other.lo, other.hi
+        if a >= 0 and c >= 0:
+            return Interval((a * c).lower(), (b * d).upper())
+        products = (a * c, a * d, b * c, b * d)
+        return Interval(_least([p.lower() for p in products]), -_least([-p.upper() for p in products]))
+
+    def __truediv__(self, other: "Interval") -> "Interval":
+        if not (other.lo > 0 or other.hi < 0):
+            raise UndefinedError("division by zero")
+        return self * _finite((1 / other.hi).lower(), (1 / other.lo).upper())
+
+    def constant(self, value: Fraction) -> "Interval":
+        """Return the constant."""
+        return constant(value)
+
+    def power(self, exponent: Fraction) -> "Interval":
+        """Return self ** exponent; a half-integer needs a base that is not negative."""
+        if exponent < 0:
+            return constant(Fraction(1)) / self.power(-exponent)
+        if exponent.denominator == 2:
+            if not self.lo >= 0:
+                raise UndefinedError("a half-integer power of a negative number")
+            roots = Interval(self.lo.sqrt().lower(), self.hi.sqrt().upper())
+            return roots * self.power(exponent - Fraction(1, 2))
+        n = int(exponent)
+        ends = self if n % 2 else self.apply("abs")
+        return _finite((ends.lo**n).lower(), (ends.hi**n).upper())
+
+    def apply(self, name: str) -> "Interval":
+        """Return the range of a function of the grammar, as closely as is cheap."""
+        if name in _MONOTONE:
+            f = _MONOTONE[name]
+            return _finite(f(self.lo).lower(), f(self.hi).upper())
+        return _OTHERS[name](self)
+
+    def slope(self, name: str) -> "Interval":
+        """Return the derivative of abs, relu, sat or deadzone, the hull at a kink."""
+        if name in ("sat", "deadzone"):
+            inside = self.lo >= -1 and self.hi <= 1
+            outside = self.lo >= 1 or self.hi <= -1
+            low, high = _ONE if inside else _ZERO, _ZERO if outside else _ONE
+            return Interval(low, high) if name == "sat" else Interval(1 - high, 1 - low)
+        below = -_ONE if name == "abs" else _ZERO
+        return Interval(_ONE if self.lo >= 0 else below, below if self.hi <= 0 else _ONE)
+
+    def hull(self, other: "Interval") -> "Interval":
+        """Return the least interval that holds both."""
+        return Interval(_least([self.lo, other.lo]), -_least([-self.hi, -other.hi]))
+
+    def ball(self) -> arb:
+        """Return a ball that holds the interval."""
+        return self.lo.union(self.hi)
+
+
+@lru_cache(maxsize=4096)
+def constant(value: Fraction) -> Interval:
+    """Return the tightest interval about a fraction."""
+    return enclose(arb(fmpq(value.numerator, value.denominator)))
+
+
+def enclose(ball: arb) -> Interval:
+    """Return the interval of a ball."""
+    return _finite(ball.lower(), ball.upper())
+
+
+def between(low: Fraction, high: Fraction) -> Interval:
+    """Return the interval from one fraction to another."""
+    return Interval(constant(low).lo, constant(high).hi)
+
+
+def _finite(lo: arb, hi: arb) -> Interval:
+    if not (lo.is_finite() and hi.is_finite()):
+        raise UndefinedError("not finite")
+    return Interval(lo, hi)
+
+
+def _least(values: list[arb]) -> arb:
+    """The least of exact numbers."""
+    least = values[0]
+    for value in values[1:]:
+        if value < least:
+            least = value
+    return least
+
+
+def _softplus(v: arb) -> arb:
+    return v + (-v).exp().log1p() if v > 0 else v.exp().log1p()
+
+
+def _log1p(v: arb) -> arb:
+    if not v > -1:
+        raise UndefinedError("the logarithm of a number that is not positive")
+    return v.log1p()
+
+
+def _sqrt(v: arb) -> arb:
+    if not v >= 0:
+        raise UndefinedError("the square root of a negative number")
+    return v.sqrt()
+
+
+def _deadzone(v: arb) -> arb:
+    return v - 1 if v > 1 else v + 1 if v < -1 else _ZERO
+
+
+def _sat(v: arb) -> arb:
+    return _ONE if v > 1 else -_ONE if v < -1 else v
+
+
+_MONOTONE: dict[str, Callable[[arb], arb]] = {
+    "sqrt": _sqrt,
+    "exp": arb.exp,
+    "log1p": _log1p,
+    "expm1": arb.expm1,
+    "sinh": arb.sinh,
+    "tanh": arb.tanh,
+    "arcsinh": arb.asinh,
+    "arctan": arb.atan,
+    "erf": arb.erf,
+    "softsign": lambda v: v / (1 + abs(v)),
+    "softplus": _softplus,
+    "relu": lambda v: v if v > 0 else _ZERO,
+    "deadzone": _deadzone,
+    "sat": _sat,
+}
+
+
+def _abs(v: Interval) -> Interval:
+    if v.lo >= 0:
+        return v
+    return -v if v.hi <= 0 else Interval(_ZERO, -_least([v.lo, -v.hi]))
+
+
+def _wave(v: Interval, f: Callable[[arb], arb], slope: arb) -> Interval:
+    """Sine or cosine: monotone where the other has one sign, else the ball's range, cut to [-1, 1]."""
+    if slope > 0:
+        return Interval(f(v.lo).lower(), f(v.hi).upper())
+    if slope < 0:
+        return Interval(f(v.hi).lower(), f(v.lo).upper())
+    ball = f(v.ball())
+    lo, hi = ball.lower(), ball.upper()
+    return Interval(lo if lo > -1 else -_ONE, hi if hi < 1 else _ONE)
+
+
+def _tan(v: Interval) -> Interval:
+    """Tangent: without a zero of the cosine inside, it is continuous and increasing."""
+    cosine = v.ball().cos()
+    if not (cosine > 0 or cosine < 0):
+        raise UndefinedError("a pole of the tangent")
+    return _finite(v.lo.tan().lower(), v.hi.tan().upper())
+
+
+def _cosh(v: Interval) -> Interval:
+    ends = _abs(v)
+    return _finite(ends.lo.cosh().lower(), ends.hi.cosh().upper())
+
+
+_OTHERS: dict[str, Callable[[Interval], Interval]] = {
+    "abs": _abs,
+    "sin": lambda v: _wave(v, arb.sin, v.ball().cos()),
+    "cos": lambda v: _wave(v, arb.cos, -v.ball().sin()),
+    "tan": _tan,
+    "cosh": _cosh,
+}
+
+
+def value(program: Program, x: E) -> E:
+    """Run a program."""
+    stack: list[E] = []
+    for step in program:
+        if step.name == "x":
+            stack.append(x)
+        elif step.name == "number":
+            stack.append(x.constant(step.value or Fraction(0)))
+        elif step.name in ("+", "-", "*", "/"):
+            b, a = stack.pop(), stack.pop()
+            stack.append(_arithmetic(step.name, a, b))
+        elif step.name == "neg":
+            stack.append(-stack.pop())
+        elif step.name == "**":
+            stack.append(stack.pop().power(step.value or Fraction(0)))
+        else:
+            stack.append(stack.pop().apply(step.name))
+    return stack.pop()
+
+
+def value_and_slope(program: Program, x: E, dx: E) -> tuple[E, E]:
+    """Run a program and its derivative together, by the chain rule."""
+    zero = x.constant(Fraction(0))
+    stack: list[tuple[E, E]] = []
+    for step in program:
+        if step.name == "x":
+            stack.append((x, dx))
+        elif step.name == "number":
+            stack.append((x.constant(step.value or Fraction(0)), zero))
+        elif step.name in ("+", "-", "*", "/"):
+            (b, db), (a, da) = stack.pop(), stack.pop()
+            v = _arithmetic(step.name, a, b)
+            stack.append((v, _arithmetic_slope(step.name, v, a, da, b, db)))
+        elif step.name == "neg":
+            a, da = stack.pop()
+            stack.append((-a, -da))
+        elif step.name == "**":
+            (a, da), p = stack.pop(), step.value or Fraction(0)
+            stack.append((a.power(p), a.constant(p) * a.power(p - 1) * da if p else zero))
+        else:
+            a, da = stack.pop()
+            v = a.apply(step.name)
+            stack.append((v, _derivative(step.name, a, v) * da))
+    return stack.pop()
+
+
+def _arithmetic(name: str, a: E, b: E) -> E:
+    if name == "+":
+        return a + b
+    if name == "-":
+        return a - b
+    return a * b if name == "*" else a / b
+
+
+def _arithmetic_slope(name: str, v: E, a: E, da: E, b: E, db: E) -> E:
+    if name in ("+", "-"):
+        return _arithmetic(name, da, db)
+    return da * b + a * db if name == "*" else (da - v * db) / b
+
+
+_HALF, _UNIT, _TWO = Fraction(1, 2), Fraction(1), Fraction(2)
+
+
+def _derivative(name: str, a: E, v: E) -> E:
+    """The derivative of a function of the grammar at a, where its value is v."""
+    one = a.constant(_UNIT)
+    match name:
+        case "abs" | "relu" | "sat" | "deadzone":
+            return a.slope(name)
+        case "sqrt":
+            return a.constant(_HALF) / v
+        case "exp":
+            return v
+        case "expm1":
+            return a.apply("exp")
+        case "log1p":
+            return one / (one + a)
+        case "sin":
+            return a.apply("cos")
+        case "cos":
+            return -a.apply("sin")
+        case "tan":
+            return one + v.power(_TWO)
+        case "sinh":
+            return a.apply("cosh")
+        case "cosh":
+            return a.apply("sinh")
+        case "tanh":
+            return a.apply("cosh").power(-_TWO)
+        case "arcsinh":
+            return (one + a.power(_TWO)).power(-_HALF)
+        case "arctan":
+            return one / (one + a.power(_TWO))
+        case "erf":
+            return a.apply("erf'")
+        case "softsign":
+            return (one + a.apply("abs")).power(-_TWO)
+        case "softplus":
+            return one / (one + (-a).apply("exp"))
+    raise UndefinedError(f"no derivative of {name}")
+
+
+def _bell(v: Interval) -> Interval:
+    """The derivative of erf: even, decreasing in |v|."""
+    ends = _abs(v)
+    factor = 2 / arb.pi().sqrt()
+    return Interval((factor * (-ends.hi * ends.hi).exp()).lower(), (factor * (-ends.lo * ends.lo).exp()).upper())
+
+
+_OTHERS["erf'"] = _bell
