@@ -71,8 +71,8 @@ class Basis:
         )
 
     @cached_property
-    def _linear(self) -> ndarray:
-        return np.flatnonzero(self.linear)
+    def _linear(self) -> list[int]:
+        return [i for i, used in enumerate(self.linear) if used]
 
     @cached_property
     def _places(self) -> list[tuple[list[int], list[tuple[ScalarFunction, list[int]]]]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ REACH = 10.0  # a free run is stopped this many widths of the data outside their
 MOST_SUBSTEPS = 8
 
 
+@runtime_checkable
 class Simulator(Protocol):
     """Anything that predicts a trajectory from first states, times and inputs."""
 

@@ -145,7 +145,7 @@ def koopman_generator(
     Raises:
         GeneratorError: an eigenvalue is zero, negative, not to be told from that, or turns near half a circle a sample.
     """
-    values = np.linalg.eigvals(K)
+    values = np.linalg.eigvals(K).astype(complex)
     limit = SAMPLING_ERROR / np.sqrt(samples) if hold == "paper" and samples else 0.0
     _diagnose(values, max(limit, VANISHING * float(np.abs(values).max())), dt)
     L = logm(K)
@@ -179,7 +179,8 @@ def _refusal(why: str, values: ndarray, dt: float) -> str:
     )
 
 
-def _show(value: complex) -> str:
+def _show(eigenvalue: complex) -> str:
+    value = complex(eigenvalue)
     return f"{value.real:.3g}" if abs(value.imag) < 1e-12 else f"{value.real:.3g}{value.imag:+.3g}i"
 
 
