@@ -182,8 +182,8 @@ def assemble(system: System, families: Sequence[Family], *, full_P: bool = False
         chosen = list(family.densities)
         gradient, size = builder.gradient(group.row)
         builder.add(rows[chosen], np.full(len(chosen), gradient), norms[chosen] * size, 1.0)
-        k, j = np.array(family.products, int).reshape(-1, 2).T
-        builder.add(rows[k], rows[j], norms[k] * norms[j], 0.0)
+        first, second = np.array(family.products, int).reshape(-1, 2).T
+        builder.add(rows[first], rows[second], norms[first] * norms[second], 0.0)
     problem, sizes = builder.problem(k if full_P else 0)
     return Assembly(system, tuple(families), units, problem, sizes, tuple(offsets))
 
@@ -240,7 +240,7 @@ class _Builder:
     def problem(self, symmetric: int) -> tuple[Problem, ndarray]:
         """Return the finished problem and the sizes of its unknowns."""
         S, H = sparse.csr_array(sparse.vstack(self.S)), np.vstack(self.H)
-        p, q = np.concatenate(self.p), np.concatenate(self.q)
+        p, q = np.concatenate(self.p).astype(int), np.concatenate(self.q).astype(int)
         q = np.where(q < 0, S.shape[0] - 1 - q, q)
         cost, sizes, tie = np.concatenate(self.costs), np.concatenate(self.sizes), None
         if symmetric:
@@ -284,3 +284,60 @@ def _interior(system: System, units: Scaling) -> ndarray:
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     X = z.T @ z / count
     return X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X)
+
+
+def theorem_1(
+    Gamma: Sequence[Float[ndarray, "n n"]],
+    P: Float[ndarray, "n n"],
+    Lambda: Sequence[Float[ndarray, " n"]],
+    Xi: Sequence[Float[ndarray, " n"]],
+    Upsilon: Mapping[tuple[int, int], Float[ndarray, " n"]],
+    Phi: Float[ndarray, "n n"],
+) -> Float[ndarray, "k k"]:
+    """Return the matrix Q of the paper's Theorem 1 exactly as printed, for x' = sum_j Gamma_j f_j(x) + B u.
+
+    Q_11 = 0, so Q <= 0 forces its first block row to vanish: P = 0 and Upsilon_0j = 0. What is left is claim M without
+    any x, `reduced_theorem_1`. Diagonal matrices are given by their diagonals; Upsilon by pairs (s, z), 0 <= s < z <= M.
+    Paper: thm:main_ISS, eq:main_thm_LMIs (Sec. 4.2).
+    """
+    n, M = len(P), len(Gamma)
+    Q = np.zeros((n * (M + 2), n * (M + 2)))
+    view = Q.reshape(M + 2, n, M + 2, n)
+    for j in range(1, M + 1):
+        view[0, :, j] = P @ Gamma[j - 1] + np.diag(Upsilon.get((0, j), np.zeros(n)))
+        view[j, :, M + 1] = np.diag(Lambda[j - 1])
+        for z in range(j, M + 1):
+            view[j, :, z] = Gamma[j - 1].T * Lambda[z - 1] + Lambda[j - 1][:, None] * Gamma[z - 1]
+            view[j, :, z] += np.diag(Xi[j - 1] if z == j else Upsilon.get((j, z), np.zeros(n)))
+    view[0, :, M + 1], view[M + 1, :, M + 1] = P, -Phi
+    return np.triu(Q) + np.triu(Q, 1).T
+
+
+def reduced_theorem_1(
+    Gamma: Sequence[Float[ndarray, "n n"]],
+    Lambda: Sequence[Float[ndarray, " n"]],
+    Xi: Sequence[Float[ndarray, " n"]],
+    Upsilon: Mapping[tuple[int, int], Float[ndarray, " n"]],
+) -> Float[ndarray, "k k"]:
+    """Return what Theorem 1 comes to: the blocks of Q between f_1, …, f_M, for P = 0 and Upsilon_0j = 0.
+
+    Paper: thm:main_ISS (Sec. 4.2), reduced.
+    """
+    G = np.hstack(list(Gamma))
+    E = np.vstack([np.diag(line) for line in Lambda])
+    n, S = len(E[0]), np.diag(np.concatenate(list(Xi)))
+    for (s, z), line in Upsilon.items():
+        if s > 0:
+            S[(s - 1) * n : s * n, (z - 1) * n : z * n] += np.diag(line)
+            S[(z - 1) * n : z * n, (s - 1) * n : s * n] += np.diag(line)
+    return E @ G + G.T @ E.T + S
+
+
+def corollary_1(system: System) -> tuple[Family, ...]:
+    """Return the families of Corollary 1, corrected: every f_j and y itself in V, every product of two of them in one group.
+
+    The printed term R_s'R_s Upsilon R_r'R_r has the wrong shape unless all k_s = n, and is then no multiplier: products
+    of functions of different rows have no sign. With R_j = I and x among the f_j this is Theorem 1's content too.
+    Paper: cor:extension_basis_function (Sec. 4.3).
+    """
+    return tuple(Family.full(np.eye(group.curve.size)[: None if group.channels else 0]) for group in system.groups)

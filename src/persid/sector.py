@@ -15,13 +15,15 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-import persid_check
+from persid_check.prover import prove_sector_form
 from persid.functions import scalar_function
 from persid.model import Channels
 
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
 RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
 ROUNDING = 2.0**-20
+HULL_SAMPLES = {1: 10, 2: 400, 3: 400, 4: 400, 5: 120, 6: 40}  # by dimension: the number of facets grows with a power
+FINE_SAMPLES = 3000
 LARGEST_VALUE = 1e120  # samples of the curve stop where a function exceeds this
 
 
@@ -53,7 +55,7 @@ class Curve:
         """Whether the checker's prover establishes y * form'phi(y) >= 0 on the domain."""
         curve = tuple((scalar_function(f).program, a) for f, a in zip(self.functions, self.factors, strict=True))
         exact = tuple(Fraction(c) for c in form)
-        return persid_check.prove_sector_form(curve, exact, self.domain, self.shift)
+        return prove_sector_form(curve, exact, self.domain, self.shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +89,8 @@ def groups(channels: Channels) -> tuple[Group, ...]:
     return tuple(found)
 
 
-def _samples(curve: Curve) -> Float[ndarray, "N d"]:
-    """Sample the directions sign(y) phi(y) / |phi(y)| on both sides of 0, densely in log |y|."""
-    count = 240 if curve.size <= 4 else 60  # the number of facets grows with a power of the number of samples
+def _samples(curve: Curve, count: int) -> Float[ndarray, "N d"]:
+    """Sample sign(y) phi(y) at `count` points on either side of 0, densely in log |y|."""
     low, high = (1e8, 1e8) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
     sides = []
     for sign, end in ((1.0, high), (-1.0, low)):
@@ -168,16 +169,23 @@ def _spread(L: ndarray, count: int) -> ndarray:
 @lru_cache(maxsize=512)
 def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return candidate sector forms of a curve, dyadic and relaxed, the most different ones first; not yet proved."""
-    phi, unit = _samples(curve), sizes(curve)
-    V = phi / unit
-    V /= np.linalg.norm(V, axis=1, keepdims=True)
+    unit = sizes(curve)
+    V, fine = (_directions(curve, count, unit) for count in (HULL_SAMPLES[min(curve.size, 6)], FINE_SAMPLES))
     deepest = _interior(V)
-    L = _spread(_facets(V), POOL_SIZE) + RELAXATION * deepest
+    L = _spread(_facets(V), POOL_SIZE)
+    depth = fine @ deepest
+    lack = np.max(-(fine @ L.T) / depth[:, None], axis=0, initial=0.0)  # between samples a facet may cut the curve
+    L = L + (1.25 * lack + RELAXATION)[:, None] * deepest
     L = np.round(L / ROUNDING) * ROUNDING
     sparse = np.where(np.abs(L) < 16 * RELAXATION, 0.0, L)
-    L = np.where((V @ sparse.T >= 0).all(axis=0)[:, None], sparse, L)  # x**3 rather than x**3 + 1e-4 x
-    L = L[(V @ L.T >= 0).all(axis=0)]
+    L = np.where((fine @ sparse.T >= 0).all(axis=0)[:, None], sparse, L)  # x**3 rather than x**3 + 1e-4 x
+    L = L[(fine @ L.T >= 0).all(axis=0)]
     return tuple(tuple(float(c) for c in row) for row in np.unique(L, axis=0)[_first_seen(L)] / unit)
+
+
+def _directions(curve: Curve, count: int, unit: ndarray) -> ndarray:
+    V = _samples(curve, count) / unit
+    return V / np.linalg.norm(V, axis=1, keepdims=True)
 
 
 def _first_seen(L: ndarray) -> ndarray:

@@ -1,0 +1,103 @@
+"""Operating points: equilibria of a model for a constant input, found by Newton's method and proved by the checker."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid.certificate import dyadic, dyadics
+from persid.errors import ModelError
+from persid.model import PersidskiiModel
+
+STARTS = 64  # points from which Newton's method sets out
+REACH = 4.0  # starts fill the box of the data, enlarged this many times about its centre
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """Exactly one equilibrium x* for the constant input u lies in the ball |x - x*|_inf <= radius, by proof."""
+
+    x: Float[ndarray, " n"]
+    radius: float
+    u: Float[ndarray, " m"]
+
+    def to_dict(self, *, with_input: bool = True) -> dict[str, Any]:
+        """Return the point as a certificate writes it."""
+        point: dict[str, Any] = {"x": dyadics(self.x), "radius": dyadic(self.radius)}
+        return point | ({"u": dyadics(self.u)} if with_input else {})
+
+
+def find_operating_point(
+    model: PersidskiiModel, u: Sequence[float] | ndarray | None = None, *, near: Any = None, seed: int = 0
+) -> tuple[OperatingPoint, ...]:
+    """Return the equilibria found for a constant input (default u_ref), each one proved, nearest to x_ref (or `near`) first.
+
+    That no other one exists is not claimed: Newton's method sets out from a fixed set of points.
+
+    Raises:
+        ModelError: u or `near` has the wrong number of entries.
+    """
+    u = model.u_ref if u is None else np.asarray(u, float)
+    centre = model.x_ref if near is None else np.asarray(near, float)
+    if u.shape != (model.m,) or centre.shape != (model.n,):
+        raise ModelError(f"u needs {model.m} numbers and near {model.n}, not {u.shape} and {centre.shape}")
+    found: list[ndarray] = []
+    for start in _starts(model, centre, seed):
+        x = _newton(model, start, u)
+        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * _scale(model)) for other in found):
+            found.append(x)
+    found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
+    proved = (prove(model, x, u) for x in found)
+    return tuple(point for point in proved if point is not None)
+
+
+def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m"]) -> OperatingPoint | None:
+    """Return the equilibrium near x as a proved ball, or None where the proof fails."""
+    ball = persid_check.prove_equilibrium(model.to_dict(), x.tolist(), u.tolist())
+    return None if ball is None else OperatingPoint(x, float(ball), u)
+
+
+def _scale(model: PersidskiiModel) -> float:
+    box = _box(model)
+    return float(np.abs(box).max()) or 1.0
+
+
+def _box(model: PersidskiiModel) -> ndarray:
+    """Return the box of the data, or one of a few natural units of the functions where the model has none."""
+    if model.domain is not None:
+        return model.domain
+    rows = model.channels.rows
+    widest = np.abs(rows).max(axis=0) if len(rows) else np.ones(model.n)
+    half = 5.0 / np.where(widest > 0, widest, 1.0)
+    return np.stack([model.x_ref - half, model.x_ref + half], axis=1)
+
+
+def _starts(model: PersidskiiModel, centre: ndarray, seed: int) -> ndarray:
+    from scipy.stats import qmc
+
+    box = _box(model)
+    middle, half = box.mean(axis=1), np.diff(box, axis=1)[:, 0] / 2
+    count = STARTS if model.n <= 20 else 8
+    cube = qmc.Sobol(model.n, seed=seed).random(count) * 2 - 1
+    near, far = middle + half * cube[: count // 2], middle + REACH * half * cube[count // 2 :]
+    return np.vstack([centre, model.x_ref, near, far])
+
+
+def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | None:
+    """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method, then polish by Newton steps."""
+    from scipy.optimize import root
+
+    with np.errstate(all="ignore"):
+        result = root(lambda x: np.nan_to_num(model.rhs(x, u), posinf=1e200, neginf=-1e200), start, jac=model.jacobian)
+        x = result.x
+        try:
+            for _ in range(3):
+                x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
+        except np.linalg.LinAlgError:
+            return None
+    residual = np.abs(model.rhs(x, u)).max() if np.isfinite(x).all() else np.inf
+    return x if residual <= 1e-9 * (1 + np.abs(model.jacobian(x)).max() * np.abs(x - model.x_ref).max()) else None
