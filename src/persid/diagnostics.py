@@ -11,7 +11,7 @@ from persid.gram import Gram, condition_number
 from persid.trajectories import Trajectories
 from persid.validation import Curve
 
-COLLINEAR = 0.999
+COLLINEAR = 0.99
 LARGE = 20.0
 LAGS = 20
 
@@ -109,7 +109,7 @@ def conditioning(gram: Gram, theta: Float[ndarray, "p n"]) -> Conditioning:
 
 
 def _collinear(gram: Gram) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of columns whose correlation about the constant exceeds 0.999, the worst first; at most ten."""
+    """Pairs of columns whose correlation about the constant exceeds 0.99, the worst first; at most ten."""
     keep = np.flatnonzero(gram.weights > 0)
     g = gram.G[:, -1] / max(gram.G[-1, -1], np.finfo(float).tiny)
     C = (gram.G - np.outer(g, gram.G[-1]))[np.ix_(keep, keep)]

@@ -64,7 +64,7 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
         functions: Functions = FUNCTIONS,
         *,
         method: str = "weak",
-        ridge: float | str = "auto",
+        ridge: float | int | str = "auto",
         window: int | str = "auto",
         x_ref: Any = "auto",
         scale: Any = "auto",
@@ -74,11 +74,11 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
         shared: bool = False,
         derivatives: int = 0,
         delays: int = 0,
-        threshold: float | None = None,
+        threshold: float | int | None = None,
         refine: bool = False,
         lifting: Sequence[str] = (),
         gamma: str = "coordinates",
-        holdout: float = 0.2,
+        holdout: float | int = 0.2,
         allow_underdetermined: bool = False,
     ) -> None:
         self.functions = functions
@@ -101,7 +101,7 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
         self.allow_underdetermined = allow_underdetermined
 
     def fit(
-        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | None = None
+        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None
     ) -> "PersidskiiIdentifier":
         """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them.
 
@@ -224,7 +224,7 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
         if isinstance(X, Trajectories) or hasattr(X, "columns"):
             self.feature_names_in_ = np.array(measured.states, dtype=object)
 
-    def _known(self, X: Any, u: Any, t: Any, dt: float | None) -> Trajectories:
+    def _known(self, X: Any, u: Any, t: Any, dt: float | int | None) -> Trajectories:
         """Return data for a fitted estimator: the same states and inputs, embedded like those of the fit."""
         check_is_fitted(self, "model_")
         data, _ = as_trajectories(X, u, t, dt)
@@ -236,7 +236,7 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
             )
         return self._embedded(data)
 
-    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | None = None) -> Float[ndarray, "N n"]:
+    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other)."""
         data = self._known(X, u, t, dt)
         return np.concatenate([freerun.one_step(self.model_.rhs, run, self.hold) for run in data])
@@ -246,7 +246,7 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
         check_is_fitted(self, "model_")
         return self.model_.simulate(x0, t, u)
 
-    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | None = None) -> float:
+    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
         """Return the R2 of free runs over all runs, the mean over states; y is ignored. One-step R2 says nothing."""
         return freerun.free_run_score(self.model_, self._known(X, u, t, dt), self.hold).r2_mean
 
@@ -265,7 +265,7 @@ class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
 
 
 def as_trajectories(
-    X: Any, u: Any = None, t: Any = None, dt: float | None = None
+    X: Any, u: Any = None, t: Any = None, dt: float | int | None = None
 ) -> tuple[Trajectories, tuple[str, ...]]:
     """Return data in any accepted form as Trajectories, with notes on what had to be assumed.
 
@@ -294,7 +294,7 @@ def _from_runs(runs: Sequence[Trajectory]) -> Trajectories:
     return Trajectories(tuple(runs), tuple(f"x{i + 1}" for i in range(n)), tuple(f"u{k + 1}" for k in range(m)))
 
 
-def _from_frames(frames: list[Any], u: Any, t: Any, dt: float | None) -> Trajectories:
+def _from_frames(frames: list[Any], u: Any, t: Any, dt: float | int | None) -> Trajectories:
     import pandas as pd
 
     if any(column not in frames[0].columns for frame in frames for column in frame.columns):

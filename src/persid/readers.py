@@ -35,8 +35,8 @@ def read_csv(
     states: Sequence[str],
     inputs: Sequence[str] = (),
     time: str | None = None,
-    dt: float | None = None,
-    gap: float | None = None,
+    dt: float | int | None = None,
+    gap: float | int | None = None,
     missing: str = "error",
 ) -> Trajectories:
     """Read one CSV file, or several as several trajectories.
@@ -60,8 +60,8 @@ def read_parquet(
     states: Sequence[str],
     inputs: Sequence[str] = (),
     time: str | None = None,
-    dt: float | None = None,
-    gap: float | None = None,
+    dt: float | int | None = None,
+    gap: float | int | None = None,
     missing: str = "error",
 ) -> Trajectories:
     """Read Parquet files (needs pyarrow), by the rules of `read_csv`; rows are counted from 1 without a header.
@@ -79,7 +79,7 @@ def trajectories_of_frames(
     states: Sequence[str] | None,
     inputs: Sequence[str],
     time: str | None,
-    dt: float | None,
+    dt: float | int | None,
 ) -> Trajectories:
     """Return the trajectories of DataFrames; see `Trajectories.from_dataframe`."""
     frames = [frame] if isinstance(frame, pd.DataFrame) else list(frame)
@@ -92,7 +92,7 @@ def trajectories_of_frames(
     return _assemble(iter(tables), list(states), list(inputs), time, dt, np.inf, "error")
 
 
-def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | None) -> Iterator[_Table]:
+def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int | None) -> Iterator[_Table]:
     """One table per episode of an (episode, time) index; an index named like a time becomes a column."""
     if isinstance(frame.index, pd.MultiIndex):
         if frame.index.nlevels != 2:
@@ -118,7 +118,7 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
         raise DataError(f"{path}: cannot be read as Parquet: {error}") from None
 
 
-def _csv_table(path: Path, columns: list[str], time: str | None, dt: float | None) -> _Table:
+def _csv_table(path: Path, columns: list[str], time: str | None, dt: float | int | None) -> _Table:
     header = _header(path)
     wanted = {*columns, *([time] if time else []), *(TIME_NAMES if dt is None else ())}
     places = [k for k, name in enumerate(header) if name.strip() in wanted or name.strip().lower() in wanted]
@@ -169,8 +169,8 @@ def _assemble(
     states: list[str],
     inputs: list[str],
     time: str | None,
-    dt: float | None,
-    gap: float | None,
+    dt: float | int | None,
+    gap: float | int | None,
     missing: str,
 ) -> Trajectories:
     if missing not in ("error", "split"):
@@ -191,8 +191,8 @@ def _runs(
     states: list[str],
     inputs: list[str],
     time: str | None,
-    dt: float | None,
-    gap: float | None,
+    dt: float | int | None,
+    gap: float | int | None,
     missing: str,
     notes: list[str],
 ) -> list[Trajectory]:
@@ -220,7 +220,7 @@ def _runs(
     return runs
 
 
-def _step(dt: float | None) -> float:
+def _step(dt: float | int | None) -> float:
     if dt is None or not (np.isfinite(dt) and dt > 0):
         raise DataError(f"dt = {dt}; needed is a positive step in s")
     return float(dt)
@@ -299,7 +299,7 @@ def _check_order(table: _Table, name: str, t: ndarray, good: ndarray) -> None:
         raise DataError(f"{table.name}: {table.label(k)}, column {name!r}: time {float(t[k])!r} {what}; {hint}")
 
 
-def _cuts(table: _Table, t: ndarray, good: ndarray, gap: float | None, notes: list[str]) -> list[tuple[int, int]]:
+def _cuts(table: _Table, t: ndarray, good: ndarray, gap: float | int | None, notes: list[str]) -> list[tuple[int, int]]:
     """Cut at incomplete rows and at gaps in time; return [start, end) of the pieces and note every cut."""
     steps = np.diff(t)
     both = good[:-1] & good[1:]

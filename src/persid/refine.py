@@ -34,9 +34,13 @@ def refine(
     limits = box(data)
     width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
     start = theta.ravel()[free]
-    # In the units of the ridge: a column's root mean square over that of the rates it adds up to.
+    first, _ = _flow(gram.basis, theta, x, u, h, hold, None)
+    level = float(np.sqrt((np.clip(np.nan_to_num((first - x[:, 1:]) / width, nan=1), -1, 1) ** 2).mean()))
+    # In the units of the ridge, a column's root mean square over that of the left side; the error at the start is the
+    # level of noise that the ridge is weighed against.
     units = np.broadcast_to(gram.weights[:, None], theta.shape).ravel()[free]
-    pull = np.sqrt(max(ridge, 1e-8) * x.shape[0]) * units / max(float(np.sqrt(gram.yy.mean() / gram.rows)), 1e-300)
+    size = max(float(np.sqrt(gram.yy.mean() / gram.rows)), np.finfo(float).tiny)
+    pull = level * np.sqrt(max(ridge, 1e-8) * x.shape[0]) * units / size
 
     def residual(w: ndarray) -> ndarray:
         runs, _ = _flow(gram.basis, _filled(theta, free, w), x, u, h, hold, None)

@@ -95,7 +95,7 @@ class Trajectories(Sequence[Trajectory]):
         u: Any = None,
         *,
         t: Any = None,
-        dt: float | None = None,
+        dt: float | int | None = None,
         states: Sequence[str] | None = None,
         inputs: Sequence[str] | None = None,
     ) -> "Trajectories":
@@ -121,7 +121,7 @@ class Trajectories(Sequence[Trajectory]):
         inputs: Sequence[str] = (),
         *,
         time: str | None = None,
-        dt: float | None = None,
+        dt: float | int | None = None,
     ) -> "Trajectories":
         """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time in s).
 
@@ -140,7 +140,7 @@ def _is_run(value: Any) -> bool:
     return getattr(value, "ndim", None) == 2 or (isinstance(value, list) and np.ndim(value) == 2)
 
 
-def _run(where: str, x: Any, u: Any, t: Any, dt: float | None) -> Trajectory:
+def _run(where: str, x: Any, u: Any, t: Any, dt: float | int | None) -> Trajectory:
     x = _numbers(where, "x", x)
     if x.ndim != 2 or len(x) < 2:
         raise DataError(f"{where}: x has shape {x.shape}; needed is (N, n) with at least two samples, one a row")
@@ -152,7 +152,7 @@ def _run(where: str, x: Any, u: Any, t: Any, dt: float | None) -> Trajectory:
     return Trajectory(sample_times(where, t, dt, len(x)), x, u)
 
 
-def sample_times(where: str, t: Any, dt: float | None, count: int) -> Float[ndarray, " N"]:
+def sample_times(where: str, t: Any, dt: float | int | None, count: int) -> Float[ndarray, " N"]:
     """Return the sample times in s, given or k dt; raise DataError unless they increase."""
     if (t is None) == (dt is None):
         raise DataError(f"{where}: give either the times t or the step dt, in s")
