@@ -493,20 +493,39 @@ def _marched(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: "
 def _march(side: Side, end: Fraction, steps: int, integral: "Integral") -> bool:
     """One pass in equal steps: the gap stays >= 0 over a step that begins at a and has the gap's derivative >= k there,
     where gap(a) + k * width >= 0 or k >= 0."""
-    area, width = constant(_ZERO), end / steps
+    area, width, slopes = constant(_ZERO), end / steps, None
     for i in range(steps):
         a = i * width
         try:
             t = between(a, a + width)
             G, D = side.on(t)
-            rise = integral.origin(D) if i == 0 else integral.derivative.expression(t, G, D)
-            if not rise.lo >= 0:
-                start = integral.gap(constant(a), side.on(constant(a))[0], area)
-                if i == 0 or not (start + constant(width) * Interval(rise.lo, rise.lo)).lo >= 0:
-                    return False
+            slopes = D if slopes is None else slopes.hull(D)
+            if not integral.origin(slopes).lo >= 0 and not _keeps(side, integral, a, t, (G, D), area):
+                return False
             middle = side.on(constant(a + width / 2))[0]
         except UndefinedError:
             return False
         error = constant(width * width / 8) * Interval((D.lo - D.hi).lower(), (D.hi - D.lo).upper())
         area = area + constant(width) * middle + error
     return True
+
+
+def _keeps(
+    side: Side, integral: Integral, a: Fraction, t: Interval, GD: tuple[Interval, Interval], area: Interval
+) -> bool:
+    """Whether a gap that is >= 0 at a stays so over the step t, by the least value of its derivative there."""
+    if a == 0:
+        return False
+    rise = interval_of(integral.derivative.expression(t, *GD)).lo
+    if rise >= 0:
+        return True
+    start = integral.gap(constant(a), side.on(constant(a))[0], area)
+    width = t - constant(a)
+    return bool((start + Interval(width.hi, width.hi) * Interval(rise, rise)).lo >= 0)
+
+
+def interval_of(element: Element) -> Interval:
+    """Return an element that is an interval."""
+    if not isinstance(element, Interval):
+        raise TypeError("not an interval")
+    return element
