@@ -1,0 +1,8 @@
+"""python -m persid: the command line."""
+
+import sys
+
+from persid.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

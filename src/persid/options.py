@@ -1,0 +1,108 @@
+"""The words of the command line: types of arguments, and the options that several commands share."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+class Names(click.ParamType):
+    """Names separated by commas; a name that holds a comma stands in double quotes."""
+
+    name = "names"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split at commas."""
+        names = next(csv.reader([value], skipinitialspace=True), []) if isinstance(value, str) else value
+        if not all(str(name).strip() for name in names):
+            self.fail(f"{value!r} holds an empty name; write names separated by commas, such as x1,x2", param, ctx)
+        return [name.strip() for name in names]
+
+
+class Numbers(click.ParamType):
+    """Numbers separated by commas."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split at commas and read each number."""
+        try:
+            return [float(part) for part in value.split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers such as 1,3", param, ctx)
+
+
+class Functions(click.ParamType):
+    """Expressions separated by commas; with semicolons, one such list for each state."""
+
+    name = "list"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split at semicolons, then at commas."""
+        lists = [[part.strip() for part in one.split(",")] for one in value.split(";")]
+        if not all(part for one in lists for part in one):
+            self.fail(f'{value!r} holds an empty expression; write, for example, "x,x**3,tanh(x)"', param, ctx)
+        return lists if len(lists) > 1 else lists[0]
+
+
+class Ridge(click.ParamType):
+    """A number >= 0, or "auto"."""
+
+    name = "number|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the number."""
+        try:
+            return value if value == "auto" else float(value)
+        except ValueError:
+            self.fail(f'{value!r} is neither "auto" nor a number', param, ctx)
+
+
+def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def decorate(function: Any) -> Any:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+NEW_FILE = click.Path(dir_okay=False, path_type=Path)
+NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
+MEASUREMENTS = click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA.csv...")
+
+talking = together(
+    click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else."),
+    click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors; the exit code tells the outcome."),
+    click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
+)
+reading = together(
+    click.option("--states", type=Names(), required=True, help="Columns of the states, such as x1,x2."),
+    click.option("--inputs", type=Names(), default=[], help="Columns of the inputs, such as u."),
+    click.option("--time", help="Column of the time in s; without it, a column named t or time."),
+    click.option("--dt", type=float, help="Sampling step in s, where there is no column of time."),
+    click.option("--missing", type=click.Choice(["error", "split"]), default="error", show_default=True,
+                 help="Empty cells and NaN: an error, or the end of one trajectory and the start of the next."),
+)  # fmt: skip
+fitting = together(
+    click.option("--functions", type=Functions(), default="x,x**3,sinh(x),tanh(x)", show_default=True,
+                 help='Functions of the states; "f,g; h" gives one list a state.'),
+    click.option("--ridge", type=Ridge(), default="auto", show_default=True,
+                 help="Strength of the ridge on scaled columns; auto chooses it by validation. More ridge is easier "
+                      "to certify and fits less well."),
+)  # fmt: skip
+proving = click.option(
+    "--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True, help="Seconds for each verdict."
+)
+simulating = together(
+    click.option("--x0", type=Numbers(), required=True, help="Initial state, such as 1,3."),
+    click.option("--input", "signals", multiple=True, metavar="EXPRESSION",
+                 help='Input as a function of t in s, such as "0.5*sin(t)"; once for each input, in order.'),
+    click.option("--inputs-csv", "table", type=FILE, help="Inputs from a file, each value held until the next."),
+    click.option("--time", help="Column of the time in that file; without it, a column named t or time."),
+    click.option("--t-end", type=float, help="Last time in s; with --inputs-csv, by default that of the file."),
+    click.option("--dt", type=float, help="Step of the output in s; by default a thousandth of the time."),
+)  # fmt: skip

@@ -1,0 +1,90 @@
+"""What a verdict says, in words for people and as one object for programs."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from persid.certificate import Certificate, value
+from persid.certify import Certified
+from persid.model import PersidskiiModel
+
+NO_PLANT = (
+    "It is about the model, not about the plant that was measured: how far the two agree is a question for the "
+    "comparison with the measurements."
+)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of claims E and R."""
+
+    verdict: str
+    claim: str | None
+    scope: str | None
+    operating_point: list[float] | None
+    reason: str | None
+    rate: float | None
+    gain: float | None
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object that `--json` prints."""
+        return asdict(self)
+
+
+def summarize(verdict: Any) -> Summary:
+    """Return the brief of a verdict of `persid.certify`."""
+    name = type(verdict).__name__.lower()
+    seconds = round(verdict.seconds, 3)
+    if isinstance(verdict, Certified):
+        certificate = verdict.certificate
+        point = [float(x) for x in certificate.operating_point]
+        rate, gain = _estimate(certificate)
+        return Summary(name, certificate.claim, certificate.scope, point, None, rate, gain, seconds)
+    return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds)
+
+
+def _estimate(certificate: Certificate) -> tuple[float | None, float | None]:
+    """Rate kappa/2 and gain sqrt(gamma/(kappa p)) of claims E and R."""
+    content = certificate.content
+    if "kappa" not in content:
+        return None, None
+    gamma, kappa, p = (value(content[name]) for name in ("gamma", "kappa", "p"))
+    return kappa / 2, math.sqrt(gamma / (kappa * p))
+
+
+def headline(verdict: Any, model: PersidskiiModel) -> str:
+    """Return the verdict as one sentence for a person who has never met the theory."""
+    if not isinstance(verdict, Certified):
+        return f"{type(verdict).__name__}: {summarize(verdict).reason}"
+    if verdict.certificate.scope == "regional":
+        return (
+            "Certified: in a region around its operating point the model is input-to-state stable; every start inside "
+            "it and every small enough input keep the state inside it and bounded."
+        )
+    inputs = "every bounded input" if model.m else "ever after"
+    return (
+        f"Certified: the model is input-to-state stable, globally; from every initial state and for {inputs} "
+        "its state stays bounded and forgets where it started."
+    )
+
+
+def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
+    """Return what a verdict does not claim, one sentence each."""
+    if not isinstance(verdict, Certified):
+        return (
+            "Undecided is not unstable: neither a proof nor a counterexample was found, and another fit, more time or "
+            "another kind of proof may decide it.",
+            NO_PLANT,
+        )
+    found = [NO_PLANT]
+    if verdict.certificate.content["operating_point"] is None and model.b.any():
+        found.append(
+            "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "
+            "stays within a distance of x_ref that depends on b and on u - u_ref."
+        )
+    if summarize(verdict).rate is None:
+        found.append("It gives no number for how fast the start is forgotten or how strongly inputs act.")
+    if verdict.certificate.scope == "regional":
+        found.append("It says nothing about starts outside the region.")
+    return tuple(found)
