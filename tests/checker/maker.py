@@ -209,10 +209,13 @@ def _lower(claim: Stability) -> np.ndarray:
 
 
 def factor(M: np.ndarray) -> list[list[int]]:
-    """An inverse Cholesky factor, each row scaled and rounded to 16 bits."""
+    """An inverse Cholesky factor, each row scaled and rounded to 16 bits; the identity where there is none."""
     if not len(M):
         return []
-    T = np.linalg.inv(np.linalg.cholesky(M))
+    try:
+        T = np.linalg.inv(np.linalg.cholesky(M))
+    except np.linalg.LinAlgError:
+        T = np.eye(len(M))
     T *= 2**16 / np.abs(T).max(axis=1, keepdims=True)
     return [[round(v) for v in row[: i + 1]] for i, row in enumerate(T.tolist())]
 

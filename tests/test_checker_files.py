@@ -1,0 +1,105 @@
+"""Kept certificates are accepted, and every falsehood is refused in the way that is due."""
+
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from checker import named
+from checker.falsehoods import FALSEHOODS
+from checker.maker import data, make, model
+from checker.maker import Wanted
+from persid_check import Accepted, Rejected, check, model_sha256
+
+SOURCES = Path(__file__).parent.parent / "src"
+
+
+@pytest.mark.parametrize("name", sorted(named.MAKERS))
+def test_a_valid_certificate_is_accepted_and_explained(name: str) -> None:
+    """Every kept valid certificate is accepted, with a statement and numbered steps."""
+    result = check(named.VALID / f"{name}.json")
+    assert isinstance(result, Accepted), result
+    assert result.steps[0].startswith("1. ")
+    assert model_sha256(named.load(name)["model"]) in result.statement
+
+
+@pytest.mark.parametrize("falsehood", FALSEHOODS, ids=lambda falsehood: falsehood.name)
+def test_a_falsehood_is_refused(falsehood) -> None:
+    """A file with one false entry is rejected or malformed, as its row says, with a place and a reason."""
+    result = check(falsehood.content())
+    assert type(result).__name__ == falsehood.expected, (falsehood.why, result)
+    assert result.where
+    assert result.why
+
+
+def test_there_are_at_least_sixty_kinds_of_falsehood() -> None:
+    """The table holds more than sixty falsehoods with different names."""
+    assert len({falsehood.name for falsehood in FALSEHOODS}) == len(FALSEHOODS) >= 60
+
+
+def test_certified_at_one_input_is_not_certified_at_every_input() -> None:
+    """x' = -(x^3 - 3 x^2 + 2.5 x) + u is certified at u* = 0, and not about every equilibrium: at 0.55 there are three."""
+    cubic = model([("x**3-3*x**2+2.5*x", None, [[-1]])])
+    result = check(data(make(Wanted(cubic, [[(1, 0), (0, 1), (Fraction(-3, 16), 1)]]))))
+    assert isinstance(result, Accepted), result
+    assert "every equilibrium" not in result.statement
+
+
+def test_nothing_certifies_crossed_relus() -> None:
+    """x1' = -x1 - 2 relu(x2) + u1 and its mirror image, unstable at (1, 1) for u = (3, 3), get no certificate."""
+    crossed = model([("relu(x)", None, [[0, -2], [-2, 0]])], [[-1, 0], [0, -1]], [[1, 0], [0, 1]], n=2)
+    forms = [(1, 0), (0, 1), (1, -1)]
+    for full in (False, True):
+        assert isinstance(check(data(make(Wanted(crossed, [forms, forms], full=full)))), Rejected)
+
+
+def test_another_model_is_noticed(tmp_path: Path) -> None:
+    """With --model, a certificate of another model is rejected."""
+    other = tmp_path / "model.json"
+    other.write_bytes(data(model([("x**3", None, [[-1]])], [[-1.5]], b=[2.0])))
+    same = tmp_path / "same.json"
+    same.write_bytes(data(named.OFFSET))
+    assert isinstance(check(named.VALID / "g_ball.json", other), Rejected)
+    assert isinstance(check(named.VALID / "g_ball.json", same), Accepted)
+
+
+def _run(arguments: list[str], *options: str) -> subprocess.CompletedProcess[str]:
+    """The checker in a process where NumPy and persid cannot be imported."""
+    block = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'scipy', 'persid', 'cvxpy']));"
+    code = f"{block} sys.argv[1:] = {arguments!r}; from persid_check.__main__ import main; sys.exit(main())"
+    environment = {**os.environ, "PYTHONPATH": str(SOURCES)}
+    return subprocess.run([sys.executable, *options, "-c", code], env=environment, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize("options", [(), ("-O",), ("-OO",)])
+def test_exit_codes_alone_and_optimized(tmp_path: Path, options: tuple[str, ...]) -> None:
+    """Alone, and with python -O, the command exits 0 for accepted, 1 for rejected, 2 for malformed or missing files."""
+    outcomes = {falsehood.name: falsehood for falsehood in FALSEHOODS}
+    rejected, malformed = tmp_path / "rejected.json", tmp_path / "malformed.json"
+    rejected.write_bytes(outcomes["negative_mu"].content())
+    malformed.write_bytes(outcomes["float_mantissa"].content())
+    accepted = _run([str(named.VALID / "g_mixed_pair.json"), "--explain"], *options)
+    assert (accepted.returncode, accepted.stderr) == (0, "")
+    assert "claim G" in accepted.stdout
+    assert _run([str(rejected)], *options).returncode == 1
+    assert _run([str(malformed)], *options).returncode == 2
+    assert _run([str(tmp_path / "absent.json")], *options).returncode == 2
+
+
+def test_the_sources_hold_no_assertion_and_no_evaluation() -> None:
+    """The checker's source has no assert, eval, exec or pickle, and imports only flint and the standard library."""
+    import ast
+
+    allowed = {*sys.stdlib_module_names, "flint", "persid_check"}
+    for path in sorted((SOURCES / "persid_check").glob("*.py")):
+        tree = ast.parse(path.read_text())
+        for node in ast.walk(tree):
+            assert not isinstance(node, ast.Assert), path
+            if isinstance(node, ast.Name):
+                assert node.id not in {"eval", "exec", "compile", "__import__"}, path
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert {name.split(".")[0] for name in names} <= allowed - {"pickle", "marshal"}, path
