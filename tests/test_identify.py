@@ -139,9 +139,8 @@ def test_linear_parts_go_to_A0():
 def test_functions_may_differ_between_states():
     """One list a state gives each state its own functions."""
     fit = PersidskiiIdentifier([["x", "tanh(x)"], ["x", "x**3", "sin(x)"]], ridge=1e-3).fit(traffic())
-    assert [name for name in fit.get_feature_names_out()] == [
-        "x1", "x2", "tanh((x1/2))", "((x2)/2)**3", "sin((x2/2))", "u", "1",
-    ] or fit.coef_.shape == (2, 7)  # fmt: skip
+    names = ["x1", "x2", "tanh(x1/2)", "(x2/2)**3", "sin(x2/2)", "u", "1"]
+    assert list(fit.get_feature_names_out()) == names
     assert fit.model_.terms[0].R.tolist() == [[0.5, 0], [0, 0.5]]
 
 

@@ -29,6 +29,10 @@ class Column:
     input: int = -1
 
 
+def _named(text: str, argument: str) -> str:
+    return re.sub(r"\bx\b", argument, text)
+
+
 @dataclass(frozen=True, eq=False)
 class Basis:
     """Basis functions of the vector field: x - x_ref, the functions of (x - x_ref)/scale, u - u_ref and 1.
@@ -52,7 +56,7 @@ class Basis:
         """The columns in order; `columns[j].name` is the name of feature j."""
         linear = [Column("linear", self.states[i], i) for i in self._linear]
         functions = [
-            Column("function", re.sub(r"\bx\b", self._argument(i), f.text), i, j)
+            Column("function", _named(f.text, self._argument(i, re.fullmatch(r"\w+\(x\)", f.text) is not None)), i, j)
             for j, term in enumerate(self.terms)
             for i, f in enumerate(term)
             if f
@@ -60,15 +64,12 @@ class Basis:
         inputs = [Column("input", name, input=k) for k, name in enumerate(self.inputs)]
         return (*linear, *functions, *inputs, Column("constant", "1"))
 
-    def _argument(self, i: int) -> str:
+    def _argument(self, i: int, bare: bool) -> str:
         shift = f"{self.states[i]}-{self.x_ref[i]:g}" if self.x_ref[i] else self.states[i]
-        return (
-            f"({shift})"
-            if self.scale[i] == 1 and self.x_ref[i]
-            else shift
-            if self.scale[i] == 1
-            else f"(({shift})/{self.scale[i]:g})"
-        )
+        simple = self.scale[i] == 1 and not self.x_ref[i]
+        divided = f"({shift})/{self.scale[i]:g}" if self.x_ref[i] else f"{shift}/{self.scale[i]:g}"
+        text = shift if self.scale[i] == 1 else divided
+        return text if simple or bare else f"({text})"
 
     @cached_property
     def _linear(self) -> list[int]:
@@ -96,20 +97,24 @@ class Basis:
 
     def values(self, x: Float[ndarray, "N n"]) -> Float[ndarray, "N p"]:
         """Return the columns that depend on x."""
-        dx = x - self.x_ref
         out = np.empty((len(x), self.state_columns))
-        k = len(self._linear)
-        out[:, :k] = dx if k == len(self.states) else dx[:, self._linear]
-        y = dx / self.scale
+        self.write(x, out)
+        return out
+
+    def write(self, x: Float[ndarray, "N n"], out: Float[ndarray, "N p"]) -> None:
+        """Write the columns that depend on x into `out`."""
+        dx = x - self.x_ref
+        k, n = len(self._linear), len(self.states)
+        out[:, :k] = dx if k == n else dx[:, self._linear]
+        y = dx if (self.scale == 1).all() else dx / self.scale
         for states, functions in self._places:
-            arguments = y if len(states) == len(self.states) else y[:, states]
+            arguments = y if len(states) == n else y[:, states]
             for f, places in functions:
                 if len(functions) == 1:
                     out[:, k : k + len(states)] = f.on_arrays(arguments)
                 else:
                     out[:, [k + place for place in places]] = f.on_arrays(arguments[:, places])
             k += len(states)
-        return out
 
     def slopes(self, x: Float[ndarray, "N n"]) -> Float[ndarray, "N p"]:
         """Return the derivatives of the columns that depend on x, each by its own state."""
@@ -165,10 +170,9 @@ def make_basis(data: Trajectories, functions: Functions, x_ref: Any = "auto", sc
     """
     n = len(data.states)
     lists = _per_state(functions, n)
-    x = np.concatenate([run.x for run in data])
-    u = np.concatenate([run.u for run in data])
+    x, u = ([getattr(run, name) for run in data] for name in ("x", "u"))
     reference = reference_point(x) if isinstance(x_ref, str) else _vector("x_ref", x_ref, n)
-    sizes = _powers_of_two(np.abs(x - reference).max(axis=0)) if isinstance(scale, str) else _vector("scale", scale, n)
+    sizes = _powers_of_two(_reach(x, reference)) if isinstance(scale, str) else _vector("scale", scale, n)
     if not (sizes > 0).all():
         raise DataError(f"scale = {sizes.tolist()}; every scale must be positive")
     parsed = [[f for f in map(scalar_function, names) if not f.is_linear] for names in lists]
@@ -202,11 +206,20 @@ def _vector(name: str, value: Any, n: int) -> ndarray:
     return vector
 
 
-def reference_point(x: Float[ndarray, "N k"]) -> Float[ndarray, " k"]:
+def _reach(parts: Sequence[ndarray], reference: ndarray) -> ndarray:
+    low, high = (np.array([getattr(part, bound)(axis=0) for part in parts]) for bound in ("min", "max"))
+    return np.maximum(np.abs(low.min(axis=0) - reference), np.abs(high.max(axis=0) - reference))
+
+
+def reference_point(parts: Sequence[Float[ndarray, "_ k"]]) -> Float[ndarray, " k"]:
     """Return 0 where a column comes as near to 0 as it spreads, else its mean, rounded to what its spread resolves."""
-    if not x.shape[1]:
+    if not parts[0].shape[1]:
         return np.zeros(0)
-    low, high, mean = x.min(axis=0), x.max(axis=0), x.mean(axis=0)
+    low, high = (
+        np.min([part.min(axis=0) for part in parts], axis=0),
+        np.max([part.max(axis=0) for part in parts], axis=0),
+    )
+    mean = np.sum([part.sum(axis=0) for part in parts], axis=0) / sum(map(len, parts))
     digit = np.floor(np.log10(np.where(high > low, (high - low) / 2, 1.0)))
     rounded = np.array([round(value, -int(place)) for value, place in zip(mean, digit, strict=True)])
     near = (low - (high - low) <= 0) & (high + (high - low) >= 0)

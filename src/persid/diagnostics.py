@@ -125,11 +125,14 @@ def excitation(data: Trajectories, gram: Gram) -> tuple[Excitation, ...]:
     """Return for each input how it moves and how much of it is no function of the other columns."""
     names = [column.name for column in gram.basis.columns]
     free = _free_share(gram)
-    u = np.concatenate([run.u for run in data])
+    count = data.samples
+    mean = sum(run.u.sum(axis=0) for run in data) / count
+    deviation = np.sqrt(sum(((run.u - mean) ** 2).sum(axis=0) for run in data) / count)
     changes = sum((np.diff(run.u, axis=0) != 0).sum(axis=0) for run in data)
     p = gram.basis.state_columns
     return tuple(
-        Excitation(names[p + k], float(u[:, k].std()), int(changes[k]), float(free[p + k])) for k in range(u.shape[1])
+        Excitation(names[p + k], float(deviation[k]), int(changes[k]), float(free[p + k]))
+        for k in range(len(data.inputs))
     )
 
 

@@ -61,24 +61,23 @@ def _r2(error: float, spread: float) -> float:
 
 def box(data: Trajectories) -> Float[ndarray, "n 2"]:
     """Return the smallest box that holds all states."""
-    x = np.concatenate([run.x for run in data])
-    return np.column_stack([x.min(axis=0), x.max(axis=0)])
+    low, high = (np.array([getattr(run.x, bound)(axis=0) for run in data]) for bound in ("min", "max"))
+    return np.column_stack([low.min(axis=0), high.max(axis=0)])
 
 
 def free_run_score(model: Simulator, data: Trajectories, hold: str = "zoh", past: int = 1) -> Score:
-    """Simulate every run from its first `past` samples and compare; after a blow-up the last state within reach counts.
+    """Simulate every run from its first `past` states and compare; after a blow-up the last state within reach counts.
 
     Paper: the RMSE and R2 of Sec. 4 (pooled over states and samples).
     """
     low, high = _reach(box(data))
     truth, guess, diverged = [], [], []
     for run in data:
-        t, x = run.t[past - 1 :], run.x[past - 1 :]
         start = run.x[0] if past == 1 else run.x[:past]
-        found = model.simulate(start, t, input_signal(t, run.u[past - 1 :], hold))[0]
-        filled = np.vstack([found.x, np.repeat(found.x[-1:], len(x) - len(found.x), axis=0)])
-        truth.append(x)
-        guess.append(np.clip(filled, low, high))
+        found = model.simulate(start, run.t, input_signal(run.t, run.u, hold))[0]
+        filled = np.vstack([found.x, np.repeat(found.x[-1:], len(run) - len(found.x), axis=0)])
+        truth.append(run.x[past - 1 :])
+        guess.append(np.clip(filled, low, high)[past - 1 :])
         diverged.append(found.diverged_at)
     return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged))
 

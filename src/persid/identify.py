@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from persid import diagnostics, fitting, freerun
@@ -34,7 +34,7 @@ SCORED = 5000  # samples of each held-out tail that are simulated
 SCORED_RUNS = 20
 
 
-class PersidskiiIdentifier(RegressorMixin, BaseEstimator):
+class PersidskiiIdentifier(BaseEstimator):
     """Identify x' = A0 (x - x_ref) + sum A f((x - x_ref)/scale) + B (u - u_ref) + b from trajectories.
 
     Paper: F_x_approximation (Sec. 4.1).
@@ -360,7 +360,7 @@ def _provenance(estimator: PersidskiiIdentifier, data: Trajectories, report: Fit
     digest = hashlib.sha256()
     for run in data:
         for part in (run.t, run.x, run.u):
-            digest.update(np.ascontiguousarray(part).tobytes())
+            digest.update(np.ascontiguousarray(part).data)
     figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
     if report.free_run is not None:
         figures |= {"free_run_rmse": report.free_run.rmse, "free_run_r2": report.free_run.r2_mean}

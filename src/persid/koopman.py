@@ -54,10 +54,21 @@ class Lifting:
 
     def values(self, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]) -> Float[ndarray, "N l"]:
         """Return psi at every sample."""
-        y = (x - self.basis.x_ref) / self.basis.scale
-        extra = [f.value(y[:, i]) for i, functions in enumerate(self.extra) for f in functions]
-        functions = self.basis.values(x)[:, list(self._functions)]
-        return np.column_stack([x - self.basis.x_ref, functions, *extra, u - self.basis.u_ref, np.ones(len(x))])
+        n, m = len(self.basis.states), len(self.basis.inputs)
+        out = np.empty((len(x), self.size))
+        middle = n + len(self._functions)
+        if all(self.basis.linear):  # then the coordinates and functions are the columns of the basis, in its order
+            self.basis.write(x, out[:, :middle])
+        else:
+            out[:, :n] = x - self.basis.x_ref
+            out[:, n:middle] = self.basis.values(x)[:, list(self._functions)]
+        if self.extra:
+            y = (x - self.basis.x_ref) / self.basis.scale
+            extra = [f.value(y[:, i]) for i, functions in enumerate(self.extra) for f in functions]
+            out[:, middle : middle + len(extra)] = np.transpose(extra)
+        out[:, self.size - m - 1 : -1] = u - self.basis.u_ref
+        out[:, -1] = 1
+        return out
 
     def slopes(self, x: Float[ndarray, "N n"]) -> Float[ndarray, "N l"]:
         """Return the derivative of every function by its own coordinate."""
@@ -81,11 +92,15 @@ def make_lifting(basis: Basis, extra: tuple[str, ...] | list[str] = ()) -> Lifti
 
 
 def snapshot_pairs(run: Trajectory, lifting: Lifting, hold: str) -> Iterator[tuple[ndarray, ndarray]]:
-    """Yield blocks of (psi, psi_next): (x_k, u_k) goes with (x_{k+1}, u_k), or with u_{k+1} for hold="paper"."""
+    """Yield blocks of (psi, psi_next): (x_k, u_k) goes with (x_{k+1}, u_k), or with u_{k+1} for hold="paper".
+
+    psi_next is without its last columns that equal those of psi: the constant, and the inputs under hold="zoh".
+    """
+    moving = lifting.size - 1 - (len(lifting.basis.inputs) if hold == "zoh" else 0)
     for begin in range(0, len(run) - 1, BLOCK):
         piece = run[begin : min(begin + BLOCK, len(run) - 1) + 1]
-        after = piece.u[:-1] if hold == "zoh" else piece.u[1:]
-        yield lifting.values(piece.x[:-1], piece.u[:-1]), lifting.values(piece.x[1:], after)
+        psi = lifting.values(piece.x, piece.u)
+        yield psi[:-1], psi[1:, :moving]
 
 
 def sample_step(data: Trajectories) -> float:
@@ -106,32 +121,36 @@ def edmd(data: Trajectories, lifting: Lifting, hold: str = "zoh") -> Float[ndarr
     Raises:
         DataError: the samples do not determine K: a lifting function is a combination of the others on them.
     """
-    M, C, total = np.zeros((lifting.size, lifting.size)), np.zeros((lifting.size, lifting.size)), 0
+    size = lifting.size
+    M, C = np.zeros((size, size)), 0.0
     for run in data:
         for psi, after in snapshot_pairs(run, lifting, hold):
             M += psi.T @ psi
-            C += psi.T @ after
-            total += len(psi)
+            C = C + psi.T @ after
     d = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
-    condition = condition_number(M / np.outer(d, d))
-    if condition < ILL_CONDITIONED:
-        return np.linalg.solve(M / np.outer(d, d), C / d[:, None]) / d[:, None]
-    return _edmd_by_qr(data, lifting, hold, d)
+    scaled = M / np.outer(d, d)
+    if condition_number(scaled) < ILL_CONDITIONED:
+        moving = np.linalg.solve(scaled, C / d[:, None]) / d[:, None]
+    else:
+        moving = _edmd_by_qr(data, lifting, hold, d)
+    return np.hstack([moving, np.eye(size)[:, moving.shape[1] :]])
 
 
 def _edmd_by_qr(data: Trajectories, lifting: Lifting, hold: str, d: ndarray) -> ndarray:
-    root, size = np.zeros((0, 2 * lifting.size)), lifting.size
+    size, root = lifting.size, None
     for run in data:
         for psi, after in snapshot_pairs(run, lifting, hold):
-            root = qr(np.vstack([root, np.hstack([psi / d, after])]), mode="r", check_finite=False)[0][: 2 * size]
-    U, s, Vt = np.linalg.svd(root[:, :size], full_matrices=False)
+            rows = np.hstack([psi / d, after])
+            rows = rows if root is None else np.vstack([root, rows])
+            root = qr(rows, mode="r", check_finite=False)[0][: rows.shape[1]]
+    U, s, Vt = np.linalg.svd(root[:, :size], full_matrices=False)  # type: ignore[index]
     floor = np.finfo(float).eps * size * s[0]
     if len(s) < size or s[-1] < floor:
         raise DataError(
             f"the samples determine only {int((s > floor).sum())} of {size} lifting functions; "
             "an input that never varies, or too few samples, does that: leave functions or inputs out, or add data"
         )
-    return (Vt.T / s @ U.T @ root[:, size:]) / d[:, None]
+    return (Vt.T / s @ U.T @ root[:, size:]) / d[:, None]  # type: ignore[index]
 
 
 def koopman_generator(

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -52,10 +52,10 @@ class Trajectories(Sequence[Trajectory]):
         return iter(self.runs)
 
     @overload
-    def __getitem__(self, index: int) -> Trajectory: ...
+    def __getitem__(self, index: SupportsIndex) -> Trajectory: ...
     @overload
     def __getitem__(self, index: slice) -> "Trajectories": ...
-    def __getitem__(self, index: int | slice) -> "Trajectory | Trajectories":
+    def __getitem__(self, index: SupportsIndex | slice) -> "Trajectory | Trajectories":
         if isinstance(index, slice):
             return Trajectories(self.runs[index], self.states, self.inputs, self.notes)
         return self.runs[index]

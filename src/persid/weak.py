@@ -14,6 +14,9 @@ from persid.trajectories import Trajectories, Trajectory
 
 NOISE_RATIO = 30.0  # a window is long enough when the state moves by this many standard deviations of its noise
 LONGEST_WINDOW = 64
+ENOUGH = 20_000  # samples of a run that are enough to judge its noise
+EQUAL = 1e-9  # relative spread of steps that counts as none
+FEW_TERMS = 4  # up to so many are added one by one, more by differences of running sums
 
 
 def window_rows(
@@ -32,32 +35,48 @@ def window_rows(
 
 def _integrals(piece: Trajectory, basis: Basis, window: int, hold: str) -> ndarray:
     count, p = len(piece) - window, basis.state_columns
-    du = piece.u - basis.u_ref
-    values = basis.values(piece.x) if hold == "zoh" else np.hstack([basis.values(piece.x), du])
+    du, h = piece.u - basis.u_ref, np.diff(piece.t)
+    values = basis.values(piece.x)
     out = np.empty((count, basis.size))
-    simpson = _simpson(piece.t, values, window)
-    out[:, : simpson.shape[1]] = simpson
-    if hold == "zoh" and du.shape[1]:
-        total = np.vstack([np.zeros(du.shape[1]), np.cumsum(du[:-1] * np.diff(piece.t)[:, None], axis=0)])
-        out[:, p:-1] = total[window:] - total[:-window]
+    _simpson(h, values, window, out[:, :p])
+    if hold == "zoh":
+        _window_sums(du[:-1] * h[:, None], window, 1, out[:, p:-1])
+    else:
+        _simpson(h, du, window, out[:, p:-1])
     out[:, -1] = piece.t[window:] - piece.t[:-window]
     return out
 
 
-def _simpson(t: ndarray, values: ndarray, window: int) -> ndarray:
-    """Integrate over [t_k, t_{k+window}] for every k by Simpson's rule for unequal steps on pairs of steps."""
-    h = np.diff(t)
-    a, b = h[:-1], h[1:]
-    # The parabola through three points: weights (a+b)/6 * (2 - b/a, (a+b)^2/(ab), 2 - a/b).
-    total = (a + b) / 6
-    weights = (total * (2 - b / a), total * (a + b) ** 2 / (a * b), total * (2 - a / b))
-    pairs = weights[0][:, None] * values[:-2]
-    pairs += weights[1][:, None] * values[1:-1]
-    pairs += weights[2][:, None] * values[2:]
-    if window == 2:
-        return pairs
-    count = len(t) - window
-    return sum((pairs[j : j + count] for j in range(2, window, 2)), start=pairs[:count].copy())
+def _simpson(h: ndarray, values: ndarray, window: int, out: ndarray) -> None:
+    """Integrate over every window of samples with steps h by Simpson's rule for unequal steps on pairs of steps."""
+    a, b = h[:-1, None], h[1:, None]
+    if np.ptp(h) <= EQUAL * h[0]:
+        pairs = values[1:-1] * 4
+        pairs += values[:-2]
+        pairs += values[2:]
+        pairs *= h[0] / 3
+    else:
+        # The parabola through three points: weights (a+b)/6 * (2 - b/a, (a+b)^2/(ab), 2 - a/b).
+        total = (a + b) / 6
+        pairs = values[1:-1] * (total * (a + b) ** 2 / (a * b))
+        pairs += values[:-2] * (total * (2 - b / a))
+        pairs += values[2:] * (total * (2 - a / b))
+    _window_sums(pairs, window // 2, 2, out)
+
+
+def _window_sums(pieces: ndarray, terms: int, stride: int, out: ndarray) -> None:
+    """Write pieces[k] + pieces[k + stride] + ... (`terms` of them) to out[k]."""
+    count = len(out)
+    if terms <= FEW_TERMS:
+        out[:] = pieces[:count]
+        for j in range(1, terms):
+            out += pieces[j * stride : j * stride + count]
+        return
+    for first in range(stride):
+        sums = np.cumsum(pieces[first::stride], axis=0)
+        rows = len(out[first::stride])
+        out[first::stride] = sums[terms - 1 : terms - 1 + rows]
+        out[first + stride :: stride] -= sums[: rows - 1]
 
 
 def choose_window(data: Trajectories) -> int:
@@ -66,14 +85,14 @@ def choose_window(data: Trajectories) -> int:
     The noise is read off third differences, which smooth motion hardly enters.
     """
     longest = min(LONGEST_WINDOW, max(2, min(len(run) for run in data) // 20))
-    window = 2
-    while 2 * window <= longest and not _moves_enough(data, window):
+    window, runs = 2, [run[:ENOUGH].x for run in data]
+    while 2 * window <= longest and not _moves_enough(runs, window):
         window *= 2
     return window
 
 
-def _moves_enough(data: Trajectories, window: int) -> bool:
-    noise = np.concatenate([np.abs(np.diff(run.x, 3, axis=0)) for run in data if len(run) > 3] or [np.zeros((1, 1))])
-    moves = np.concatenate([np.abs(run.x[window:] - run.x[:-window]) for run in data if len(run) > window])
+def _moves_enough(runs: list[ndarray], window: int) -> bool:
+    noise = np.concatenate([np.diff(x, 3, axis=0) for x in runs if len(x) > 3] or [np.zeros((1, runs[0].shape[1]))])
+    moves = np.concatenate([x[window:] - x[:-window] for x in runs if len(x) > window])
     sigma = np.sqrt((noise**2).mean(axis=0) / 20)
     return bool((np.sqrt((moves**2).mean(axis=0)) >= NOISE_RATIO * sigma).all())
