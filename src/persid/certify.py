@@ -1,24 +1,29 @@
 """The verdict on a model: certified, refuted, or undecided with its reason, by the attempts that cost least first."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy import ndarray
 
 from persid.certificate import Certificate, RoundingError
+from persid.equilibrium import OperatingPoint, find_operating_point
+from persid.errors import ModelError
 from persid.interior_point import Status
-from persid.lmi import system
 from persid.model import PersidskiiModel
-from persid.proof import Chosen, choose, write
-from persid.search import search
-from persid.sector import Curve, Group, groups, pool
+from persid.proof import Lyapunov, choose, write
+from persid.rates import Question, best_rate, smallest_gain
+from persid.search import Outcome, search
+from persid.setting import Setting
+from persid.witness import Witness, find_witness
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
+RATED_STATES = 100  # rates and gains are sought up to this many states
+RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
 
 Progress = Callable[[str], None]
 
@@ -75,6 +80,17 @@ class Certified(_Verdict):
 
 
 @dataclass(frozen=True, eq=False)
+class Refuted(_Verdict):
+    """The model is not input-to-state stable: `witness` is a proof that `persid_check` has accepted."""
+
+    witness: Witness
+    attempts: tuple[Attempt, ...] = ()
+
+    def __str__(self) -> str:
+        return f"Refuted: {self.witness.sentence}"
+
+
+@dataclass(frozen=True, eq=False)
 class Undecided(_Verdict):
     """Neither a proof nor a witness was found; `reason` is a full sentence, `detail` what it was about and what to try."""
 
@@ -86,7 +102,7 @@ class Undecided(_Verdict):
         return f"Undecided: {self.reason.value} {self.detail}".rstrip()
 
 
-Verdict = Certified | Undecided
+Verdict = Certified | Refuted | Undecided
 
 
 @dataclass
@@ -97,8 +113,8 @@ class _Log:
     progress: Progress
     attempts: list[Attempt] = field(default_factory=list)
 
-    @property
     def left(self) -> float:
+        """Seconds until the time limit."""
         return self.deadline - time.perf_counter()
 
     @contextmanager
@@ -113,68 +129,166 @@ class _Log:
             self.attempts.append(Attempt(what, *(outcome or ["interrupted"]), time.perf_counter() - started))
 
 
-def certify(model: PersidskiiModel, *, time_limit: float = 60.0, progress: Progress | None = None) -> Verdict:
-    """Decide whether a model is input-to-state stable about (x_ref, u_ref), the constant b counted as one more input.
+def certify(
+    model: PersidskiiModel,
+    *,
+    operating_point: Any = "auto",
+    u_op: Any = None,
+    domain: Any = "global",
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
+) -> Verdict:
+    """Decide whether a model is input-to-state stable about its operating point.
+
+    Global questions are tried first: what refutes, then a Lyapunov function on all of R^n, its rate and gain. Where
+    these leave a model undecided that has a box of data, a region inside that box is certified.
 
     Args:
         model: the model; the verdict is about it, not about the plant.
+        operating_point: "auto" (the equilibrium nearest to x_ref) or a state near the equilibrium that is meant.
+        u_op: the nominal constant input, (m,), default u_ref.
+        domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
         time_limit: seconds after which the search stops with what it has.
         progress: is called with a line of text at each step.
 
     Returns:
-        Certified with a certificate that `persid_check` has accepted, or Undecided with its reason.
+        Certified with a certificate, or Refuted with a witness, that `persid_check` has accepted; else Undecided.
+
+    Raises:
+        ModelError: an argument does not fit the model.
     """
     log = _Log(time.perf_counter() + time_limit, progress or (lambda line: None))
+    box = _box(model, domain)
     try:
-        return _by_lyapunov(model, log)
+        near = None if isinstance(operating_point, str) else operating_point
+        with log.attempt("equilibria at the nominal input") as outcome:
+            points = find_operating_point(model, u_op, near=near)
+            outcome.append(f"{len(points)} found and proved")
+        verdict = _global(model, points, u_op, log) if box is None else None
+        if isinstance(verdict, Certified | Refuted):
+            return verdict
+        box = model.domain if box is None else box
+        regional = _regional(model, points, box, log) if box is not None and points else None
+        if isinstance(regional, Certificate):
+            return Certified(regional, tuple(log.attempts))
+        return verdict or Undecided(*(regional or (Reason.OUTSIDE, "No equilibrium was found.")), tuple(log.attempts))
     except KeyboardInterrupt:
         return Undecided(Reason.INTERRUPTED, "Run it again with more time.", tuple(log.attempts))
 
 
-def _by_lyapunov(model: PersidskiiModel, log: _Log) -> Verdict:
-    """Try a diagonal P, then a full P where the size allows it."""
-    pools = {group.curve: np.array(pool(group.curve)).reshape(-1, group.curve.size) for group in groups(model.channels)}
+def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
+    """Return the box that a regional question names, None for a global one."""
+    if isinstance(domain, str):
+        if domain not in ("global", "data"):
+            raise ModelError(f'domain is "global", "data" or a box [[lo, hi], …], not {domain!r}')
+        if domain == "data" and model.domain is None:
+            raise ModelError('domain="data" needs a model with a box of data; give the box as [[lo, hi], …]')
+        return model.domain if domain == "data" else None
+    box = np.asarray(domain, float)
+    if box.shape != (model.n, 2) or not (box[:, 0] < box[:, 1]).all():
+        raise ModelError(f"a box needs one [lo, hi] with lo < hi for each of the {model.n} states")
+    return box
+
+
+def _global(model: PersidskiiModel, points: tuple[OperatingPoint, ...], u_op: Any, log: _Log) -> Verdict:
+    """Refute if that is cheap; else try a diagonal P, then a full P where the size allows it."""
+    u = model.u_ref if u_op is None else np.asarray(u_op, float)
+    with log.attempt("witnesses against stability") as outcome:
+        witness = find_witness(model, u, points)
+        outcome.append("none" if witness is None else witness.kind)
+    if witness is not None:
+        return Refuted(witness, tuple(log.attempts))
+    setting = Setting.of(model, points[0] if points else None)
     kinds = ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
     for kind in kinds:
-        with log.attempt(f"global Lyapunov function with {kind} P") as outcome:
-            answer = _in_family(model, pools, kind == "full", log)
-            outcome.append("certified" if isinstance(answer, Certificate) else answer[0].name.lower())
+        with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
+            answer = _settled(setting, lambda kind=kind: _margin(setting, kind == "full", log), log)
+            outcome.append(_word(answer))
         if isinstance(answer, Certificate):
-            return Certified(answer, tuple(log.attempts))
+            return Certified(_rated(setting, kind == "full", answer, log), tuple(log.attempts))
     return Undecided(*answer, tuple(log.attempts))
 
 
-def _in_family(
-    model: PersidskiiModel, pools: dict[Curve, ndarray], full_P: bool, log: _Log
+def _rated(setting: Setting, full_P: bool, certificate: Certificate, log: _Log) -> Certificate:
+    """Return a certificate with rate and gain (claim E) where there is one and time for it, else the one given."""
+    if certificate.claim == "M" or setting.model.n > RATED_STATES or log.left() <= 0:
+        return certificate
+    with log.attempt("rate and gain") as outcome:
+        answer = _settled(setting, lambda: _rate_and_gain(setting, full_P, None, log), log)
+        outcome.append(_word(answer))
+    return answer if isinstance(answer, Certificate) else certificate
+
+
+def _regional(
+    model: PersidskiiModel, points: tuple[OperatingPoint, ...], box: ndarray, log: _Log
 ) -> Certificate | tuple[Reason, str]:
-    """Search, prove the forms that the solution uses, write and check; forms that cannot be proved leave the pool."""
+    """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
+    answer: Certificate | tuple[Reason, str] = (Reason.OUTSIDE, "No equilibrium was found inside the box.")
+    for point in points:
+        reach = np.minimum(point.x - box[:, 0], box[:, 1] - point.x) - point.radius
+        if not (reach > 0).all():
+            continue
+        setting = Setting.of(model, point, box)
+        for kind in ("diagonal", "full")[: 1 if model.n == 1 or model.n > FULL_P_STATES else 2]:
+            with log.attempt(f"region in the box, {kind} P") as outcome:
+                tried = _settled(setting, lambda s=setting, r=reach, k=kind: _rate_and_gain(s, k == "full", r, log), log)
+                outcome.append(_word(tried))
+            if isinstance(tried, Certificate):
+                return tried
+            answer = tried
+    return answer
+
+
+def _word(answer: Certificate | tuple[Reason, str]) -> str:
+    return f"certified, claim {answer.claim}" if isinstance(answer, Certificate) else answer[0].name.lower()
+
+
+def _settled(
+    setting: Setting, find: Callable[[], Lyapunov | tuple[Reason, str]], log: _Log
+) -> Certificate | tuple[Reason, str]:
+    """Find, prove what is used, write and check; what cannot be proved leaves the pools, and the search is made again."""
     while True:
-        found = search(system(model, pools), pools, full_P=full_P, time_limit=log.left, progress=log.progress)
-        if found.status is not Status.FEASIBLE:
-            return _REASONS[found.status]
         try:
-            P, chosen = choose(found.assembly, found.solution.y)
-            log.progress("proving the sector forms")
-            doubtful = _unproved(found.assembly.system.groups, chosen)
-            if not doubtful:
+            found = find()
+            if not isinstance(found, Lyapunov):
+                return found
+            log.progress("proving properties of the functions")
+            dropped = setting.without_unproved(found)
+            if not dropped:
                 log.progress("checking in exact arithmetic")
-                return Certificate.accept(write(model, found.assembly.system, P, chosen))
+                return Certificate.accept(write(setting.model, found, setting.point, setting.box, reach=setting.reach))
         except RoundingError as error:
             return Reason.ROUNDING, str(error)
-        for curve, form in doubtful:
-            pools[curve] = pools[curve][(pools[curve] != form).any(axis=1)]
-            log.progress(f"not proved and dropped: {_form_text(curve, form)}")
+        for line in dropped:
+            log.progress(f"not proved and dropped: {line}")
+        if log.left() <= 0:
+            return Reason.TIME, "Give more time (time_limit)."
 
 
-def _unproved(found: Sequence[Group], chosen: Sequence[Chosen]) -> list[tuple[Curve, ndarray]]:
-    """Return the forms in use that the checker's prover does not establish."""
-    used = {(group.curve, tuple(form)) for group, part in zip(found, chosen, strict=True) for form in part.forms}
-    return [(curve, np.array(form)) for curve, form in sorted(used, key=repr) if not curve.proves(form)]
+def _margin(setting: Setting, full_P: bool, log: _Log) -> Lyapunov | tuple[Reason, str]:
+    """Return a Lyapunov function with V' < 0 and no rate asked for."""
+    found = search(setting.system, setting.pools, full_P=full_P, time_limit=log.left(), progress=log.progress)
+    return choose(found.assembly, found.solution.y) if found.status is Status.FEASIBLE else _reason(found)
 
 
-def _form_text(curve: Curve, form: ndarray) -> str:
-    names = ("x", *curve.functions)
-    return " ".join(f"{c:+.4g} {name}" for c, name in zip(form, names, strict=True) if c)
+def _rate_and_gain(
+    setting: Setting, full_P: bool, reach: ndarray | None, log: _Log
+) -> Lyapunov | tuple[Reason, str]:
+    """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate."""
+    fastest = -2 * float(np.linalg.eigvals(setting.jacobian).real.max())
+    if fastest <= 0:
+        return Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable."
+    shape = None if reach is None else 1 / reach**2
+    question = Question(setting.system, setting.pools, setting.upper, full_P, shape)
+    best = best_rate(question, fastest, log.left)
+    if best is None:
+        return _REASONS[Status.TIME if log.left() <= 0 else Status.INFEASIBLE]
+    gentle = smallest_gain(question, RATE_SHARE * best.assembly.target.kappa, best, log.left) or best
+    return choose(gentle.assembly, gentle.solution.y, setting.lower)
+
+
+def _reason(found: Outcome) -> tuple[Reason, str]:
+    return _REASONS.get(found.status, _REASONS[Status.STALLED])
 
 
 _REASONS = {

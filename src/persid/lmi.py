@@ -26,10 +26,11 @@ SAMPLES = 6  # points of the sector cone per entry of z from which the first dua
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """x' = G z + B u about its operating point, z = (x_i for i in `states`, values of `channels`), with its groups.
+    """x' = G z + B u about an operating point, z = (x_i for i in `states`, values of `channels`), with its groups.
 
     Entries of z with a zero column of G that no form touches are left out: channels without effect, and in claim M
-    states that enter through radially unbounded functions alone.
+    states that enter through radially unbounded functions alone. Without an operating point the functions are not
+    shifted and a constant b is the last column of B.
     """
 
     G: Float[ndarray, "n N"]
@@ -43,6 +44,11 @@ class System:
         """Number of states."""
         return len(self.G)
 
+    @property
+    def entries(self) -> int:
+        """Number of entries of z."""
+        return self.G.shape[1]
+
     @cached_property
     def places(self) -> dict[int, int]:
         """The entry of z of each channel that has one."""
@@ -50,24 +56,25 @@ class System:
 
     def lift(self, group: Group, forms: Float[ndarray, "K d"]) -> Float[ndarray, "K N"]:
         """Return the rows l'N_g of forms of a group."""
-        rows = np.zeros((len(forms), self.G.shape[1]))
+        rows = np.zeros((len(forms), self.entries))
         rows[:, : len(self.states)] = forms[:, :1] * group.row[list(self.states)]
         rows[:, [self.places[c] for c in group.channels]] = forms[:, 1:]
         return rows
 
 
-def system(model: PersidskiiModel, pools: Mapping[Curve, Float[ndarray, "K d"]]) -> System:
-    """Return the system of a model about (x_ref, u_ref), the constant b as one more input.
+def system(
+    model: PersidskiiModel, found: tuple[Group, ...], pools: Mapping[Curve, Float[ndarray, "K d"]], *, shifted: bool
+) -> System:
+    """Return the system of a model with the groups found about its operating point.
 
     A state is dropped only where its column is zero and no group that reads it has forms of both signs in y: then
     -Q can have nothing but zero there (claim M).
     """
     channels = model.channels
-    found = groups(channels)
     active = tuple(int(c) for c in np.flatnonzero(channels.columns.any(axis=0)))
     kept = tuple(i for i in range(model.n) if channels.A0[:, i].any() or _needs_state(i, found, pools))
     G = np.hstack([channels.A0[:, list(kept)], channels.columns[:, list(active)]])
-    B = np.hstack([model.B, model.b[:, None]]) if model.b.any() else model.B
+    B = model.B if shifted or not model.b.any() else np.hstack([model.B, model.b[:, None]])
     return System(G, B, found, kept, active)
 
 
@@ -102,6 +109,20 @@ class Family:
 
 
 @dataclass(frozen=True, eq=False)
+class Target:
+    """What an inequality asks for: V' <= -kappa V + gamma |u|^2 and P >= p diag(shape), with gamma = ratio * p.
+
+    kappa = 0 asks for V' < 0 alone; ratio = None leaves the inputs out (some gamma always exists then). `upper` gives
+    the constants c of claim E for each curve, one per form of its pool, NaN for forms that have none.
+    """
+
+    kappa: float = 0.0
+    ratio: float | None = None
+    shape: Float[ndarray, " n"] | None = None
+    upper: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class Multipliers:
     """Numbers of a Lyapunov function: P, and per group mu (one per form) and tau (one per product of the family)."""
 
@@ -112,10 +133,11 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """z = diag(entries) z^, x = diag(states) x^, t = t^ / rate: the units in which the inequality is solved."""
+    """z = diag(entries) z^, x = diag(states) x^, u = diag(inputs) u^, t = t^ / rate: the units of the inequality."""
 
     states: Float[ndarray, " n"]
     entries: Float[ndarray, " N"]
+    inputs: Float[ndarray, " m"]
     rate: float
 
 
@@ -128,22 +150,23 @@ def scaling(system: System) -> Scaling:
             states[support[0]] = 1 / abs(group.row[support[0]])
     entries = np.concatenate([states[list(system.states)], np.ones(len(system.channels))])
     for group in system.groups:
-        units = sizes(group.curve) * np.abs(group.row @ states if np.count_nonzero(group.row) > 1 else 1.0)
-        entries[[system.places[c] for c in group.channels]] = np.where(units[1:] > 0, units[1:], 1.0)
-    G = system.G / states[:, None] * entries
-    rate = np.linalg.norm(G) / np.sqrt(system.n)
-    return Scaling(states, entries, float(rate) or 1.0)
+        entries[[system.places[c] for c in group.channels]] = sizes(group.curve)[1:]
+    rate = float(np.linalg.norm(system.G / states[:, None] * entries) / np.sqrt(system.n)) or 1.0
+    strength = np.linalg.norm(system.B / states[:, None], axis=0) / rate
+    return Scaling(states, entries, 1 / np.where(strength > 0, strength, 1.0), rate)
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
     """A Problem together with what is needed to read multipliers back in the user's units.
 
-    Unknown j is the multiplier times `sizes[j]`; the unknowns of group g begin at `offsets[g]`.
+    Unknown j is the multiplier times `sizes[j]`; the unknowns of group g begin at `offsets[g]`; a last unknown is p
+    where the target has a ratio.
     """
 
     system: System
     families: tuple[Family, ...]
+    target: Target
     units: Scaling
     problem: Problem
     sizes: Float[ndarray, " J"]
@@ -152,11 +175,16 @@ class Assembly:
     def multipliers(self, y: Float[ndarray, " J"]) -> Multipliers:
         """Return the multipliers of a solution in the user's units."""
         kept = list(self.system.states)
-        scaled = unpack(self.problem, y) if self.problem.symmetric else np.diag(y[: len(kept)])
+        values = y / self.sizes
         states = self.units.states[kept]
         P = np.zeros((self.system.n, self.system.n))
-        P[np.ix_(kept, kept)] = scaled / (states[:, None] * states * self.units.rate)
-        values = y / self.sizes
+        if self.problem.symmetric:
+            scaled = unpack(self.problem, y)
+            P[np.ix_(kept, kept)] = scaled / (states[:, None] * states * self.units.rate)
+        else:
+            P[kept, kept] = values[: len(kept)]
+        if self.target.ratio is not None:
+            P += values[-1] * np.diag(_shape(self.target, self.system))
         mu, tau = [], []
         for family, start in zip(self.families, self.offsets, strict=True):
             middle = start + len(family.densities)
@@ -167,57 +195,90 @@ class Assembly:
         return Multipliers(P, tuple(mu), tuple(tau))
 
 
-def assemble(system: System, families: Sequence[Family], *, full_P: bool = False) -> Assembly:
-    """Make the interior-point problem of claims G and M: maximise the margin t of -Q >= t I over P, mu and tau."""
-    units, k = scaling(system), len(system.states)
-    builder = _Builder(system, units)
-    if full_P:
-        builder.add(np.repeat(range(k), k), builder.outer(np.tile(system.states, k)), np.ones(k * k), 1.0)
-    else:
-        builder.add(np.arange(k), builder.outer(np.array(system.states, int)), np.ones(k), 1.0)
+    def prices(self, g: int, X: Float[ndarray, "w w"]) -> tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]:
+        """Return <F, X> of every product and of every density of group g, as unknowns of this problem would have it.
+
+        A product, or a density after adding the dual bound m, may help only where its price is negative; densities
+        without a constant c get NaN where the target has a rate.
+        """
+        group, family = self.system.groups[g], self.families[g]
+        builder = _Builder(self.system, self.units, self.target)
+        lifted = self.system.lift(group, family.forms) * self.units.entries
+        rows = np.zeros((len(lifted), builder.width))
+        rows[:, : self.system.entries] = lifted / np.linalg.norm(lifted, axis=1, keepdims=True)
+        upper = self.target.upper.get(group.curve, np.ones(len(rows)))
+        XR = X @ rows.T
+        worth = np.full(len(rows), np.nan)
+        for k in np.flatnonzero(np.isfinite(upper) | (self.target.kappa == 0)):
+            code, _ = builder.gradient(group.row, float(upper[k]))
+            worth[k] = 2 * builder.H[-1 - code] @ XR[:, k]
+        return 2 * rows @ XR, worth
+
+
+def _shape(target: Target, system: System) -> ndarray:
+    return np.ones(system.n) if target.shape is None else target.shape
+
+
+def assemble(
+    system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None
+) -> Assembly:
+    """Make the interior-point problem of a claim: maximise the margin t of its matrix inequality over P, mu and tau."""
+    target = target or Target()
+    builder = _Builder(system, scaling(system), target)
+    k = len(system.states)
+    builder.quadratic(full_P)
     offsets = []
     for group, family in zip(system.groups, families, strict=True):
-        offsets.append(builder.count - (k * (k - 1) // 2 if full_P else 0))
+        offsets.append(len(builder.cost))
+        upper = target.upper.get(group.curve, np.ones(len(family.forms)))
         rows, norms = builder.forms(system.lift(group, family.forms), family.used)
-        chosen = list(family.densities)
-        gradient, size = builder.gradient(group.row)
-        builder.add(rows[chosen], np.full(len(chosen), gradient), norms[chosen] * size, 1.0)
-        first, second = np.array(family.products, int).reshape(-1, 2).T
-        builder.add(rows[first], rows[second], norms[first] * norms[second], 0.0)
-    problem, sizes = builder.problem(k if full_P else 0)
-    return Assembly(system, tuple(families), units, problem, sizes, tuple(offsets))
+        for form in family.densities:
+            code, size = builder.gradient(group.row, float(upper[form]))
+            builder.unknown([rows[form]], [code], [1.0], norms[form] * size, 1.0)
+        for first, second in family.products:
+            builder.unknown([rows[first]], [rows[second]], [1.0], norms[first] * norms[second], 0.0)
+    if target.ratio is not None:
+        builder.smallest_eigenvalue()
+    problem = builder.problem(k if full_P else 0)
+    return Assembly(system, tuple(families), target, builder.units, problem, np.array(builder.sizes), tuple(offsets))
 
 
 class _Builder:
-    """Collects the rows of D = [S; H] and the pairs; rows of H are counted from -1 downwards until S is complete."""
+    """Collects rows of D = [S; H] and pairs; a row i of H has the code -1 - i until the number of rows of S is known."""
 
-    def __init__(self, system: System, units: Scaling) -> None:
-        self.system, self.units = system, units
-        self.H = [system.G / units.states[:, None] * units.entries / units.rate]
-        self.heights = system.n
-        self.S = [sparse.csr_array(sparse.eye_array(len(system.states), system.G.shape[1]))]
-        self.height = len(system.states)
-        self.p: list[ndarray] = []
-        self.q: list[ndarray] = []
-        self.sizes: list[ndarray] = []
-        self.costs: list[ndarray] = []
-        self.count = 0
+    def __init__(self, system: System, units: Scaling, target: Target) -> None:
+        self.system, self.units, self.target = system, units, target
+        inputs = system.B.shape[1] if target.ratio is not None else 0
+        self.width = system.entries + inputs
+        self.weights = np.concatenate([units.entries, units.inputs[:inputs]])
+        self.flow = np.hstack([system.G, system.B[:, :inputs]]) * self.weights / units.rate
+        k = len(system.states)
+        unit_rows = np.concatenate([np.arange(k), np.arange(system.entries, self.width)])
+        self.S = [sparse.csr_array((np.ones(len(unit_rows)), (np.arange(len(unit_rows)), unit_rows)),
+                                   shape=(len(unit_rows), self.width))]  # fmt: skip
+        self.height = len(unit_rows)
+        self.H: list[ndarray] = []
+        self.codes: dict[tuple[int, float], int] = {}
+        self.p: list[int] = []
+        self.q: list[int] = []
+        self.owner: list[int] = []
+        self.weight: list[float] = []
+        self.sizes: list[float] = []
+        self.cost: list[float] = []
 
-    def outer(self, i: ndarray) -> ndarray:
-        """Return the code of row i of H."""
-        return -1 - i
-
-    def add(self, p: ndarray, q: ndarray, sizes: ndarray, cost: float) -> None:
-        """Add pairs of rows p (of S) and q (of S, or of H in code)."""
-        self.p.append(p)
-        self.q.append(q)
-        self.sizes.append(sizes)
-        self.costs.append(np.full(len(p), cost))
-        self.count += len(p)
+    def unknown(self, p: Sequence[int], q: Sequence[int], weight: Sequence[float], size: float, cost: float) -> None:
+        """Add an unknown that is the weighted sum of pairs of rows p (of S) and q (of S, or of H in code)."""
+        self.p += p
+        self.q += q
+        self.weight += weight
+        self.owner += [len(self.cost)] * len(p)
+        self.sizes.append(size)
+        self.cost.append(cost)
 
     def forms(self, lifted: ndarray, used: list[int]) -> tuple[ndarray, ndarray]:
         """Add the rows l'N_g in use, in the units of z and made unit vectors; return places in S and norms of all."""
-        rows = lifted * self.units.entries
+        rows = np.zeros((len(lifted), self.width))
+        rows[:, : self.system.entries] = lifted * self.units.entries
         norms = np.linalg.norm(rows, axis=1)
         places = np.full(len(rows), -1)
         places[used] = np.arange(self.height, self.height + len(used))
@@ -225,41 +286,65 @@ class _Builder:
         self.height += len(used)
         return places, norms
 
-    def gradient(self, row: ndarray) -> tuple[int, float]:
-        """Return the code and the size of r'G: a row of H where r reads one state, a new one otherwise."""
+    def gradient(self, row: ndarray, upper: float) -> tuple[int, float]:
+        """Return the code and the size of r'(G + kappa c I_x): W adds kappa c y l'phi to what V' has to outweigh."""
+        upper = upper if self.target.kappa else 0.0
         support = np.flatnonzero(row)
         if len(support) == 1:
             i = int(support[0])
-            return -1 - i, float(row[i] * self.units.states[i] * self.units.rate)
-        product = row @ self.system.G * self.units.entries
+            if (i, upper) not in self.codes:
+                unit = np.zeros(self.system.n)
+                unit[i] = 1.0
+                self.codes[i, upper] = self._append(self._decaying(unit, upper) / self.units.states[i])
+            return self.codes[i, upper], float(row[i] * self.units.states[i] * self.units.rate)
+        product = self._decaying(row, upper)
         size = float(np.linalg.norm(product)) or 1.0
-        self.H.append(product[None] / size)
-        self.heights += 1
-        return -self.heights, size
+        return self._append(product / size), size * self.units.rate
 
-    def problem(self, symmetric: int) -> tuple[Problem, ndarray]:
-        """Return the finished problem and the sizes of its unknowns."""
-        S, H = sparse.csr_array(sparse.vstack(self.S)), np.vstack(self.H)
-        p, q = np.concatenate(self.p).astype(int), np.concatenate(self.q).astype(int)
+    def _decaying(self, row: ndarray, upper: float) -> ndarray:
+        product = row @ self.flow
+        if upper:
+            k = len(self.system.states)
+            product[:k] += self.target.kappa * upper * row[list(self.system.states)] * self.weights[:k] / self.units.rate
+        return product
+
+    def _append(self, row: ndarray) -> int:
+        self.H.append(row)
+        return -len(self.H)
+
+    def quadratic(self, full_P: bool) -> None:
+        """Add the entries of P: half of x'Px is its own constant c = 1/2."""
+        states, k = self.system.states, len(self.system.states)
+        units = np.eye(self.system.n)
+        codes = [self.gradient(units[i], 0.5)[0] for i in states]
+        for i in range(k):
+            if not full_P:
+                self.unknown([i], [codes[i]], [1.0], self.units.states[states[i]] ** 2 * self.units.rate, 1.0)
+            for j in range(i, k if full_P else i):
+                self.unknown([i, j], [codes[j], codes[i]], [1.0, 1.0], 1.0, 2.0 if i == j else 0.0)
+
+    def smallest_eigenvalue(self) -> None:
+        """Add p: P - p diag(shape) is what the entries of P stand for, and gamma = ratio p bounds the inputs."""
+        k, rate = len(self.system.states), self.units.rate
+        codes = [self.gradient(unit, 0.5)[0] for unit in np.eye(self.system.n)]
+        shape = _shape(self.target, self.system) * self.units.states**2 * rate
+        inputs = range(k, k + self.width - self.system.entries)
+        ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries :] ** 2
+        size = float(shape.max())
+        weights = [*(shape / size), *(ratio / size)]
+        self.unknown([*range(k), *inputs], [*codes, *inputs], weights, size, float(shape.sum() / size))
+
+    def problem(self, symmetric: int) -> Problem:
+        """Return the finished problem."""
+        S, p, q = sparse.csr_array(sparse.vstack(self.S)), np.array(self.p, int), np.array(self.q, int)
+        H = np.array(self.H).reshape(-1, self.width)
         q = np.where(q < 0, S.shape[0] - 1 - q, q)
-        cost, sizes, tie = np.concatenate(self.costs), np.concatenate(self.sizes), None
-        if symmetric:
-            tie = _tie(symmetric, len(p) - symmetric**2)
-            head = np.eye(symmetric)[np.triu_indices(symmetric)] * 2
-            cost = np.concatenate([head, cost[symmetric**2 :]])
-            sizes = np.concatenate([np.ones(len(head)), sizes[symmetric**2 :]])
-        X = _interior(self.system, self.units)
-        return Problem(S, H, p, q, cost, X, symmetric, tie), sizes
-
-
-def _tie(k: int, others: int) -> sparse.csr_array:
-    """Sum the k^2 pairs (e_i, G_j) into the upper triangle of a symmetric matrix; leave the other pairs alone."""
-    place = np.zeros((k, k), int)
-    i, j = np.triu_indices(k)
-    place[i, j] = place[j, i] = np.arange(len(i))
-    columns = np.concatenate([place.ravel(), len(i) + np.arange(others)])
-    weights = np.concatenate([(1 + np.eye(k)).ravel(), np.ones(others)])
-    return sparse.csr_array((weights, (np.arange(len(columns)), columns)))
+        tie = None
+        if len(p) > len(self.cost):
+            tie = sparse.csr_array((self.weight, (np.arange(len(p)), self.owner)), shape=(len(p), len(self.cost)))
+        X = np.eye(self.width) / self.width
+        X[: self.system.entries, : self.system.entries] = _interior(self.system, self.units)
+        return Problem(S, H, p, q, np.array(self.cost), X, symmetric, tie)
 
 
 def _interior(system: System, units: Scaling) -> ndarray:
@@ -268,16 +353,16 @@ def _interior(system: System, units: Scaling) -> ndarray:
     Every product of two forms is positive there, since it is nonnegative on each point.
     """
     rng = np.random.default_rng(0)
-    count = SAMPLES * system.G.shape[1] + 20
+    count = SAMPLES * system.entries + 20
     magnitude = np.exp(rng.uniform(np.log(0.1), np.log(5.0), (count, system.n)))
     x = magnitude * rng.choice([-1.0, 1.0], magnitude.shape) * units.states
-    z = np.zeros((count, system.G.shape[1]))
+    z = np.zeros((count, system.entries))
     z[:, : len(system.states)] = x[:, list(system.states)]
     for group in system.groups:
         y = x @ group.row
         if group.curve.domain is not None:
             low, high = (float(end) for end in group.curve.domain)
-            y = np.clip(y, 0.95 * low, 0.95 * high)
+            y = np.where(y < 0, -low, high) * np.tanh(y / np.where(y < 0, -low, high))
         with np.errstate(over="ignore"):
             z[:, [system.places[c] for c in group.channels]] = np.clip(group.curve.values(y)[:, 1:], -1e6, 1e6)
     z /= units.entries

@@ -15,12 +15,13 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.interior_point import Solution, Status, solve
-from persid.lmi import Assembly, Family, System, assemble
+from persid.lmi import Assembly, Family, System, Target, assemble
 from persid.sector import Curve, Group
 
 FIRST_FORMS = 6  # forms of a pool that the search begins with
 JOINING = 8  # products, and half as many densities, that may join a group in one round
 ROUNDS = 12
+GAP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,20 +43,26 @@ def search(
     pools: Mapping[Curve, Float[ndarray, "K d"]],
     *,
     full_P: bool = False,
+    target: Target | None = None,
+    families: tuple[Family, ...] | None = None,
     time_limit: float = np.inf,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
-    """Find multipliers with positive margin, or a dual matrix against every form and product of the pools."""
-    started = time.perf_counter()
-    families = tuple(_first(system, group, pools[group.curve]) for group in system.groups)
+    """Find multipliers with positive margin, or a dual matrix against every form and product of the pools.
+
+    `families` is the choice to begin with, such as that of an earlier outcome for the same pools.
+    """
+    started, target = time.perf_counter(), target or Target()
+    if families is None:
+        families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
     for count in range(1, ROUNDS + 1):
-        assembly = assemble(system, families, full_P=full_P)
-        solution = solve(assembly.problem, time_limit=time_limit - (time.perf_counter() - started))
+        assembly = assemble(system, families, full_P=full_P, target=target)
+        solution = solve(assembly.problem, time_limit=time_limit - (time.perf_counter() - started), gap=GAP)
         if progress is not None:
             progress(
                 f"round {count}: {len(assembly.problem.cost)} unknowns, {len(solution.log)} iterations, {solution.status.name}"
             )
-        if solution.status is not Status.INFEASIBLE:
+        if solution.status not in (Status.INFEASIBLE, Status.ROUGH):
             break
         grown = tuple(join(assembly, g, solution) for g in range(len(families)))
         if all(
@@ -67,27 +74,27 @@ def search(
     return Outcome(assembly, solution, count)
 
 
-def _first(system: System, group: Group, pool: Float[ndarray, "K d"]) -> Family:
+def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Target) -> Family:
     """Return the first choice from a pool; where a state that the group reads is dropped, forms with y drop too."""
     touched = set(np.flatnonzero(group.row)) - set(system.states)
     usable = pool[pool[:, 0] == 0] if touched else pool
     usable = usable if group.channels else usable[:0]
-    return Family.full(usable[:FIRST_FORMS]).within(usable)
+    first = Family.full(usable[:FIRST_FORMS]).within(usable)
+    if not target.kappa:
+        return first
+    rated = np.flatnonzero(np.isfinite(target.upper[group.curve][: len(usable)]))
+    return Family(usable, tuple(int(k) for k in rated[:FIRST_FORMS]), first.products)
 
 
 def join(assembly: Assembly, g: int, solution: Solution) -> Family:
     """Return group g's family with the products and densities of its pool that the dual matrix prices lowest."""
-    system, family, group = assembly.system, assembly.families[g], assembly.system.groups[g]
-    rows = system.lift(group, family.forms) * assembly.units.entries
-    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    price = rows @ solution.X @ rows.T
+    family = assembly.families[g]
+    price, worth = assembly.prices(g, solution.X)
     candidates = np.triu(price, 1)
     candidates[tuple(np.array(family.products, int).reshape(-1, 2).T)] = 0.0
     k, j = np.unravel_index(np.argsort(candidates, axis=None)[:JOINING], candidates.shape)
     products = tuple((int(a), int(b)) for a, b in zip(k, j, strict=True) if candidates[a, b] < 0)
-    gradient = group.row @ system.G * assembly.units.entries / assembly.units.rate
-    gradient /= np.linalg.norm(gradient) or 1.0
-    worth = 2 * rows @ solution.X @ gradient + solution.upper
+    worth = np.nan_to_num(worth + solution.upper, nan=0.0)
     worth[list(family.densities)] = 0.0
     densities = tuple(int(a) for a in np.argsort(worth)[: JOINING // 2] if worth[a] < 0)
     return Family(family.forms, family.densities + densities, family.products + products)

@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid_check.prover import prove_sector_form
 from persid.functions import scalar_function
 from persid.model import Channels
+from persid_check.expression import Program
+from persid_check.prover import prove_sector_form
 
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
 RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
@@ -47,15 +48,27 @@ class Curve:
         columns = [y]
         for text, factor in zip(self.functions, self.factors, strict=True):
             f, a = scalar_function(text), float(factor)
-            base = f.value(np.array([a * at])) if at else np.zeros(1)
+            base = np.zeros(1) if self.shift is None else f.value(np.array([a * at]))
             columns.append(f.value(a * (at + y)) - base)
         return np.stack(columns, axis=1)
 
+    def slopes(self, y: Float[ndarray, " N"]) -> Float[ndarray, "N d"]:
+        """Return phi'(y), one row a sample."""
+        at = 0.0 if self.shift is None else float(self.shift[0])
+        columns = [np.ones_like(y)]
+        for text, factor in zip(self.functions, self.factors, strict=True):
+            a = float(factor)
+            columns.append(a * scalar_function(text).derivative(a * (at + y)))
+        return np.stack(columns, axis=1)
+
+    @property
+    def exact(self) -> tuple[tuple[Program, Fraction], ...]:
+        """The curve as the checker's prover takes it."""
+        return tuple((scalar_function(f).program, a) for f, a in zip(self.functions, self.factors, strict=True))
+
     def proves(self, form: Sequence[float]) -> bool:
         """Whether the checker's prover establishes y * form'phi(y) >= 0 on the domain."""
-        curve = tuple((scalar_function(f).program, a) for f, a in zip(self.functions, self.factors, strict=True))
-        exact = tuple(Fraction(c) for c in form)
-        return prove_sector_form(curve, exact, self.domain, self.shift)
+        return prove_sector_form(self.exact, tuple(Fraction(float(c)) for c in form), self.domain, self.shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +84,35 @@ class Group:
     curve: Curve
 
 
-def groups(channels: Channels) -> tuple[Group, ...]:
-    """Group channels by argument row, exactly; the row of a group is the row of its first channel, active or not."""
+@dataclass(frozen=True)
+class Place:
+    """Where functions are looked at: about x* = x_ref + `offset`, known up to `radius`, on a `box` relative to x*."""
+
+    offset: tuple[Fraction, ...]
+    radius: Fraction = Fraction(0)
+    box: tuple[tuple[Fraction, Fraction], ...] | None = None
+
+    def shift(self, row: ndarray) -> tuple[Fraction, Fraction]:
+        """Return the ball (center, radius) of r'(x* - x_ref)."""
+        exact = {int(i): Fraction(float(row[i])) for i in np.flatnonzero(row)}
+        center = sum((r * self.offset[i] for i, r in exact.items()), Fraction(0))
+        return center, sum((abs(r) for r in exact.values()), Fraction(0)) * self.radius
+
+    def domain(self, row: ndarray) -> tuple[Fraction, Fraction] | None:
+        """Return the interval r'box."""
+        if self.box is None:
+            return None
+        ends = [sorted(Fraction(float(row[i])) * end for end in self.box[i]) for i in np.flatnonzero(row)]
+        if not ends:
+            return Fraction(-1), Fraction(1)
+        return sum((low for low, _ in ends), Fraction(0)), sum((high for _, high in ends), Fraction(0))
+
+
+def groups(channels: Channels, place: Place | None = None) -> tuple[Group, ...]:
+    """Group channels by argument row, exactly; the row of a group is the row of its first channel, active or not.
+
+    Without a place nothing is shifted and the domain is all of R.
+    """
     joined: dict[tuple[tuple[int, Fraction], ...], list[tuple[int, Fraction]]] = {}
     for c, row in enumerate(channels.rows):
         support = np.flatnonzero(row)
@@ -83,26 +123,31 @@ def groups(channels: Channels) -> tuple[Group, ...]:
     found = []
     for members in joined.values():
         first, size = members[0]
+        row = channels.rows[first]
         present = [(c, s / size) for c, s in members if active[c]]
-        curve = Curve(tuple(channels.functions[c].text for c, _ in present), tuple(factor for _, factor in present))
-        found.append(Group(channels.rows[first], tuple(c for c, _ in present), tuple(c for c, _ in members), curve))
+        curve = Curve(
+            tuple(channels.functions[c].text for c, _ in present),
+            tuple(factor for _, factor in present),
+            None if place is None else place.domain(row),
+            None if place is None else place.shift(row),
+        )
+        found.append(Group(row, tuple(c for c, _ in present), tuple(c for c, _ in members), curve))
     return tuple(found)
 
 
-def _samples(curve: Curve, count: int) -> Float[ndarray, "N d"]:
-    """Sample sign(y) phi(y) at `count` points on either side of 0, densely in log |y|."""
+def _samples(curve: Curve, count: int, slopes: bool) -> Float[ndarray, "N d"]:
+    """Sample sign(y) phi(y), or the slopes phi'(y), at `count` points on either side of 0, densely in log |y|."""
     low, high = (1e8, 1e8) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
     sides = []
     for sign, end in ((1.0, high), (-1.0, low)):
-        y = sign * np.geomspace(min(1e-3, 1e-3 * end), end, count)
-        with np.errstate(all="ignore"):
-            phi = sign * curve.values(y)
-        usable = (np.abs(phi) < LARGEST_VALUE).all(axis=1)
-        if not usable.all() and curve.domain is None and usable[0]:  # refine up to where the values grow too large
-            stop = abs(y[np.flatnonzero(usable)[-1]])
-            y = sign * np.geomspace(1e-3, stop, count)
-            phi = sign * curve.values(y)
+        for _ in range(2):  # the second time up to where the values of the first grew too large
+            y = sign * np.geomspace(min(1e-3, 1e-3 * end), end, count)
+            with np.errstate(all="ignore"):
+                phi = curve.slopes(y) if slopes else sign * curve.values(y)
             usable = (np.abs(phi) < LARGEST_VALUE).all(axis=1)
+            if usable.all() or not usable[0]:
+                break
+            end = abs(float(y[np.flatnonzero(usable)[-1]]))
         sides.append(phi[usable])
     return np.vstack(sides)
 
@@ -123,7 +168,7 @@ def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
         return np.ones((1, 1))
     centre = _interior(V)
     depth = V @ centre
-    if depth.min() <= 0:
+    if not depth.min() > 0:
         return np.zeros((0, d))
     section = np.linalg.svd(centre[None])[2][
         1:
@@ -146,6 +191,8 @@ def _interior(V: ndarray) -> ndarray:
     from scipy.optimize import linprog
 
     N, d = V.shape
+    if not N:
+        return np.zeros(d)
     result = linprog(
         np.append(np.zeros(d), -1.0),
         A_ub=np.hstack([-V, np.ones((N, 1))]),
@@ -169,11 +216,34 @@ def _spread(L: ndarray, count: int) -> ndarray:
 @lru_cache(maxsize=512)
 def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return candidate sector forms of a curve, dyadic and relaxed, the most different ones first; not yet proved."""
+    return _relaxed_facets(curve, POOL_SIZE, slopes=False)
+
+
+@lru_cache(maxsize=512)
+def nondecreasing_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return candidate nondecreasing forms: facets of the conic hull of the slopes phi'(y).
+
+    They are sector forms under every shift, and their integral is at most y l'phi(y).
+    """
+    return _relaxed_facets(curve, POOL_SIZE // 3, slopes=True)
+
+
+@lru_cache(maxsize=512)
+def axes(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return the functions of a curve, and y, that look like sector functions themselves: the paper's only forms."""
+    samples = _samples(curve, FINE_SAMPLES, False)
+    return tuple(tuple(row) for row in np.eye(curve.size)[(samples >= 0).all(axis=0)].tolist())
+
+
+def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[float, ...], ...]:
     unit = sizes(curve)
-    V, fine = (_directions(curve, count, unit) for count in (HULL_SAMPLES[min(curve.size, 6)], FINE_SAMPLES))
+    samples = HULL_SAMPLES[min(curve.size, 6)], FINE_SAMPLES
+    V, fine = (_directions(_samples(curve, number, slopes) / unit) for number in samples)
     deepest = _interior(V)
-    L = _spread(_facets(V), POOL_SIZE)
     depth = fine @ deepest
+    if not len(V) or depth.min() <= 0:
+        return ()
+    L = _spread(_facets(V), count)
     lack = np.max(-(fine @ L.T) / depth[:, None], axis=0, initial=0.0)  # between samples a facet may cut the curve
     L = L + (1.25 * lack + RELAXATION)[:, None] * deepest
     L = np.round(L / ROUNDING) * ROUNDING
@@ -183,8 +253,7 @@ def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(float(c) for c in row) for row in np.unique(L, axis=0)[_first_seen(L)] / unit)
 
 
-def _directions(curve: Curve, count: int, unit: ndarray) -> ndarray:
-    V = _samples(curve, count) / unit
+def _directions(V: ndarray) -> ndarray:
     return V / np.linalg.norm(V, axis=1, keepdims=True)
 
 

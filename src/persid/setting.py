@@ -1,0 +1,116 @@
+"""A model at its operating point: shifted groups, pools of forms with their constants, and what has been disproved."""
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.equilibrium import OperatingPoint
+from persid.integrals import lower_constants, proves_lower, proves_upper, upper_constants
+from persid.lmi import System, system
+from persid.model import PersidskiiModel
+from persid.proof import Lyapunov
+from persid.sector import Curve, Group, Place, axes, groups, nondecreasing_pool, pool
+
+
+@dataclass(eq=False)
+class Setting:
+    """The pools shrink while proofs are made: a form that is not proved leaves, a constant that is not proved weakens."""
+
+    model: PersidskiiModel
+    point: OperatingPoint | None
+    box: Float[ndarray, "n 2"] | None
+    found: tuple[Group, ...]
+    pools: dict[Curve, ndarray]
+    upper: dict[Curve, ndarray] = field(default_factory=dict)
+    below: dict[Curve, ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, model: PersidskiiModel, point: OperatingPoint | None, box: Float[ndarray, "n 2"] | None = None
+    ) -> "Setting":
+        """Look at a model about an equilibrium (None: about x_ref, functions not shifted), on a box or globally."""
+        if point is not None and box is None and _is_reference(model, point):
+            point = None
+        found = groups(model.channels, _place(model, point, box))
+        pools, upper, below = {}, {}, {}
+        for curve in dict.fromkeys(group.curve for group in found):
+            forms = np.array(list(dict.fromkeys([*pool(curve), *nondecreasing_pool(curve), *axes(curve)]))).reshape(-1, curve.size)
+            pools[curve] = forms
+            upper[curve] = upper_constants(curve, forms)
+            below[curve] = lower_constants(curve, forms) if box is not None else np.zeros(len(forms))
+        return cls(model, point, box, found, pools, upper, below)
+
+    @property
+    def system(self) -> System:
+        """The system about the operating point."""
+        return system(self.model, self.found, self.pools, shifted=self.point is not None)
+
+    @property
+    def jacobian(self) -> Float[ndarray, "n n"]:
+        """The linearisation at the operating point, in 1/s."""
+        return self.model.jacobian(self.model.x_ref if self.point is None else self.point.x)
+
+    @property
+    def lower(self) -> list[ndarray]:
+        """The constants d of the forms of each group."""
+        return [self.below[group.curve] for group in self.found]
+
+    @property
+    def reach(self) -> Float[ndarray, " n"] | None:
+        """The distance of the operating point from the faces of the box, per state."""
+        if self.box is None:
+            return None
+        x, radius = (self.model.x_ref, 0.0) if self.point is None else (self.point.x, self.point.radius)
+        return np.minimum(x - self.box[:, 0], self.box[:, 1] - x) - radius
+
+    def without_unproved(self, lyapunov: Lyapunov) -> list[str]:
+        """Prove what a Lyapunov function uses; take what is not proved out of the pools, and name it."""
+        dropped, seen = [], set()
+        for group, part in zip(lyapunov.system.groups, lyapunov.chosen, strict=True):
+            for form, mu in zip(part.forms, part.mu, strict=True):
+                key = (group.curve, tuple(form), bool(mu))
+                if key not in seen:
+                    seen.add(key)
+                    dropped += self._doubts(group.curve, form, mu > 0 and lyapunov.kappa > 0)
+        return dropped
+
+    def _doubts(self, curve: Curve, form: ndarray, rated: bool) -> list[str]:
+        k = int(np.flatnonzero((self.pools[curve] == form).all(axis=1))[0])
+        if not curve.proves(form):
+            for table in (self.pools, self.upper, self.below):
+                table[curve] = np.delete(table[curve], k, axis=0)
+            return [_text(curve, form)]
+        c, d = float(self.upper[curve][k]), float(self.below[curve][k])
+        if rated and not proves_upper(curve, form, c):
+            self.upper[curve][k] = 1.0 if c != 1.0 and proves_upper(curve, form, 1.0) else np.nan
+            return [f"{_text(curve, form)}, c = {c:.4g}"]
+        if rated and not proves_lower(curve, form, d):
+            self.below[curve][k] = 0.0
+            return [f"{_text(curve, form)}, d = {d:.4g}"]
+        return []
+
+
+def _is_reference(model: PersidskiiModel, point: OperatingPoint) -> bool:
+    at_reference = np.array_equal(point.x, model.x_ref) and np.array_equal(point.u, model.u_ref)
+    return at_reference and point.radius == 0 and not model.b.any()
+
+
+def _place(model: PersidskiiModel, point: OperatingPoint | None, box: ndarray | None) -> Place | None:
+    """Return where the functions are looked at, exactly as the checker computes it."""
+    if point is None:
+        return None
+    radius = Fraction(point.radius)
+    x = [Fraction(float(v)) for v in point.x]
+    offset = tuple(a - Fraction(float(r)) for a, r in zip(x, model.x_ref, strict=True))
+    if box is None:
+        return Place(offset, radius)
+    sides = [(Fraction(float(lo)), Fraction(float(hi))) for lo, hi in box]
+    return Place(offset, radius, tuple((lo - a + radius, hi - a - radius) for (lo, hi), a in zip(sides, x, strict=True)))
+
+
+def _text(curve: Curve, form: ndarray) -> str:
+    names = ("x", *curve.functions)
+    return " ".join(f"{c:+.4g} {name}" for c, name in zip(form, names, strict=True) if c)
