@@ -197,7 +197,7 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
     name = type(answer).__name__.lower()
     if isinstance(answer, persid_check.Accepted):
         rows = [("verdict", f"{name}, claim {answer.claim}"), ("statement", answer.statement)]
-        rows += [(f"step {k}", step) for k, step in enumerate(answer.steps, 1)]
+        rows += [("steps", "\n".join(answer.steps))] if answer.steps else []
         content: dict[str, Any] = {"claim": answer.claim, "statement": answer.statement, "steps": list(answer.steps)}
     else:
         rows = [("verdict", name), ("where", answer.where), ("why", answer.why)]

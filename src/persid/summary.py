@@ -59,13 +59,13 @@ def headline(verdict: Any, model: PersidskiiModel) -> str:
         return f"{type(verdict).__name__}: {summarize(verdict).reason}"
     if verdict.certificate.scope == "regional":
         return (
-            "Certified: in a region around its operating point the model is input-to-state stable; every start inside "
-            "it and every small enough input keep the state inside it and bounded."
+            "Certified: in a region around its operating point the model is input-to-state stable; from every start "
+            "inside it, small enough inputs keep the state inside it, and it forgets where it started."
         )
-    inputs = "every bounded input" if model.m else "ever after"
+    inputs = " and for every bounded input" if model.m else ""
     return (
-        f"Certified: the model is input-to-state stable, globally; from every initial state and for {inputs} "
-        "its state stays bounded and forgets where it started."
+        f"Certified: the model is input-to-state stable, globally; from every initial state{inputs} its state stays "
+        "bounded and forgets where it started."
     )
 
 
