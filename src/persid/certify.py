@@ -279,7 +279,7 @@ def _rate_and_gain(
     if fastest <= 0:
         return Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable."
     shape = None if reach is None else 1 / reach**2
-    question = Question(setting.system, setting.pools, setting.upper, full_P, shape)
+    question = Question(setting.system, setting.pools, setting.upper, setting.below, full_P, shape)
     best = best_rate(question, fastest, log.left)
     if best is None:
         return _REASONS[Status.TIME if log.left() <= 0 else Status.INFEASIBLE]

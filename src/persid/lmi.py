@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy import sparse
 
-from persid.interior_point import Problem, unpack
+from persid.interior_point import Problem, pairings, unpack
 from persid.model import PersidskiiModel
 from persid.sector import Curve, Group, groups, sizes
 
@@ -113,13 +113,15 @@ class Target:
     """What an inequality asks for: V' <= -kappa V + gamma |u|^2 and P >= p diag(shape), with gamma = ratio * p.
 
     kappa = 0 asks for V' < 0 alone; ratio = None leaves the inputs out (some gamma always exists then). `upper` gives
-    the constants c of claim E for each curve, one per form of its pool, NaN for forms that have none.
+    the constants c of claim E for each curve, one per form of its pool, NaN for forms that have none; `lower` the
+    constants d of claim R, with which P + sum mu d r r' takes the place of P, and P may be indefinite.
     """
 
     kappa: float = 0.0
     ratio: float | None = None
     shape: Float[ndarray, " n"] | None = None
     upper: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
+    lower: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,10 +188,11 @@ class Assembly:
         if self.target.ratio is not None:
             P += values[-1] * np.diag(_shape(self.target, self.system))
         mu, tau = [], []
-        for family, start in zip(self.families, self.offsets, strict=True):
+        for group, family, start in zip(self.system.groups, self.families, self.offsets, strict=True):
             middle = start + len(family.densities)
             full = np.zeros(len(family.forms))
             full[list(family.densities)] = values[start:middle]
+            P -= float(full @ self.target.lower.get(group.curve, np.zeros(len(full)))) * np.outer(group.row, group.row)
             mu.append(full)
             tau.append(values[middle : middle + len(family.products)])
         return Multipliers(P, tuple(mu), tuple(tau))
@@ -203,16 +206,16 @@ class Assembly:
         """
         group, family = self.system.groups[g], self.families[g]
         builder = _Builder(self.system, self.units, self.target)
-        lifted = self.system.lift(group, family.forms) * self.units.entries
-        rows = np.zeros((len(lifted), builder.width))
-        rows[:, : self.system.entries] = lifted / np.linalg.norm(lifted, axis=1, keepdims=True)
-        upper = self.target.upper.get(group.curve, np.ones(len(rows)))
-        XR = X @ rows.T
-        worth = np.full(len(rows), np.nan)
-        for k in np.flatnonzero(np.isfinite(upper) | (self.target.kappa == 0)):
-            code, _ = builder.gradient(group.row, float(upper[k]))
-            worth[k] = 2 * builder.H[-1 - code] @ XR[:, k]
-        return 2 * rows @ XR, worth
+        places, norms = builder.forms(self.system.lift(group, family.forms), list(range(len(family.forms))))
+        upper = self.target.upper.get(group.curve, np.ones(len(places)))
+        rated = np.flatnonzero(np.isfinite(upper) | (self.target.kappa == 0))
+        for k in rated:
+            builder.density(group, int(k), int(places[k]), float(norms[k]))
+        problem = builder.problem(0, X)
+        worth = np.full(len(places), np.nan)
+        worth[rated] = pairings(problem, X)
+        rows = problem.S[places]
+        return 2 * (rows @ (rows @ X).T), worth
 
 
 def _shape(target: Target, system: System) -> ndarray:
@@ -230,16 +233,14 @@ def assemble(
     offsets = []
     for group, family in zip(system.groups, families, strict=True):
         offsets.append(len(builder.cost))
-        upper = target.upper.get(group.curve, np.ones(len(family.forms)))
-        rows, norms = builder.forms(system.lift(group, family.forms), family.used)
+        places, norms = builder.forms(system.lift(group, family.forms), family.used)
         for form in family.densities:
-            code, size = builder.gradient(group.row, float(upper[form]))
-            builder.unknown([rows[form]], [code], [1.0], norms[form] * size, 1.0)
+            builder.density(group, form, int(places[form]), float(norms[form]))
         for first, second in family.products:
-            builder.unknown([rows[first]], [rows[second]], [1.0], norms[first] * norms[second], 0.0)
+            builder.unknown([places[first]], [places[second]], [1.0], norms[first] * norms[second], 0.0)
     if target.ratio is not None:
         builder.smallest_eigenvalue()
-    problem = builder.problem(k if full_P else 0)
+    problem = builder.problem(k if full_P else 0, builder.interior())
     return Assembly(system, tuple(families), target, builder.units, problem, np.array(builder.sizes), tuple(offsets))
 
 
@@ -285,6 +286,19 @@ class _Builder:
         self.S.append(sparse.csr_array(rows[used] / norms[used, None]))
         self.height += len(used)
         return places, norms
+
+    def density(self, group: Group, k: int, place: int, norm: float) -> None:
+        """Add mu of form k: its own pair, and on a domain -d r r' in P, which its integral makes up for."""
+        c = self.target.upper[group.curve][k] if group.curve in self.target.upper else 1.0
+        d = self.target.lower[group.curve][k] if group.curve in self.target.lower else 0.0
+        code, size = self.gradient(group.row, float(c))
+        size *= norm
+        if not d:
+            return self.unknown([place], [code], [1.0], size, 1.0)
+        places, norms = self.forms(self.system.lift(group, np.eye(1, group.curve.size)), [0])
+        half, half_size = self.gradient(group.row, 0.5)
+        weight = -float(d) * float(norms[0]) * half_size / size
+        return self.unknown([place, int(places[0])], [code, half], [1.0, weight], size, 1.0)
 
     def gradient(self, row: ndarray, upper: float) -> tuple[int, float]:
         """Return the code and the size of r'(G + kappa c I_x): W adds kappa c y l'phi to what V' has to outweigh."""
@@ -334,7 +348,13 @@ class _Builder:
         weights = [*(shape / size), *(ratio / size)]
         self.unknown([*range(k), *inputs], [*codes, *inputs], weights, size, float(shape.sum() / size))
 
-    def problem(self, symmetric: int) -> Problem:
+    def interior(self) -> ndarray:
+        """Return a first dual matrix: in the interior of the sector cone, a multiple of I for the inputs."""
+        X = np.eye(self.width) / self.width
+        X[: self.system.entries, : self.system.entries] = _interior(self.system, self.units)
+        return X
+
+    def problem(self, symmetric: int, X: ndarray) -> Problem:
         """Return the finished problem."""
         S, p, q = sparse.csr_array(sparse.vstack(self.S)), np.array(self.p, int), np.array(self.q, int)
         H = np.array(self.H).reshape(-1, self.width)
@@ -342,8 +362,6 @@ class _Builder:
         tie = None
         if len(p) > len(self.cost):
             tie = sparse.csr_array((self.weight, (np.arange(len(p)), self.owner)), shape=(len(p), len(self.cost)))
-        X = np.eye(self.width) / self.width
-        X[: self.system.entries, : self.system.entries] = _interior(self.system, self.units)
         return Problem(S, H, p, q, np.array(self.cost), X, symmetric, tie)
 
 

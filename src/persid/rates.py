@@ -18,17 +18,18 @@ STEPS = 8  # bisections of the rate, and of the gain
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """A system with its pools and the constants of its forms, and the shape in which P is bounded from below."""
+    """A system with its pools and the constants of its forms, and the shape in which V is bounded from below."""
 
     system: System
     pools: Mapping[Curve, Float[ndarray, "K d"]]
     upper: Mapping[Curve, Float[ndarray, " K"]]
+    lower: Mapping[Curve, Float[ndarray, " K"]]
     full_P: bool
     shape: Float[ndarray, " n"] | None = None
 
     def ask(self, kappa: float, ratio: float | None, start: Outcome | None, left: Callable[[], float]) -> Outcome | None:
         """Return a feasible outcome for a rate and a ratio gamma / p, or None."""
-        target = Target(kappa, ratio, self.shape, self.upper)
+        target = Target(kappa, ratio, self.shape, self.upper, self.lower)
         families = None if start is None else start.assembly.families
         found = search(
             self.system, self.pools, full_P=self.full_P, target=target, families=families, time_limit=left()
@@ -80,7 +81,7 @@ def _ratio(question: Question, kappa: float, start: Outcome, left: Callable[[], 
     found = question.ask(kappa, None, start, left)
     if found is None:
         return np.inf
-    lyapunov = choose(found.assembly, found.solution.y)
+    lyapunov = choose(found.assembly, found.solution.y, [question.lower[g.curve] for g in question.system.groups])
     weight = np.ones(question.system.n) if question.shape is None else question.shape
     scaled = lyapunov.below / np.sqrt(weight) / np.sqrt(weight)[:, None]
     return 1.1 * lyapunov.gamma / float(np.linalg.eigvalsh(scaled)[0])
