@@ -71,7 +71,9 @@ def _run(arguments: list[str], *options: str) -> subprocess.CompletedProcess[str
     block = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'scipy', 'persid', 'cvxpy']));"
     code = f"{block} sys.argv[1:] = {arguments!r}; from persid_check.__main__ import main; sys.exit(main())"
     environment = {**os.environ, "PYTHONPATH": str(SOURCES)}
-    return subprocess.run([sys.executable, *options, "-c", code], env=environment, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [sys.executable, *options, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
 
 
 @pytest.mark.parametrize("options", [(), ("-O",), ("-OO",)])

@@ -7,13 +7,12 @@ from flint import ctx
 
 from persid_check import json_text
 from persid_check.claims import prove_stability
+from persid_check.enclosure import PRECISION
 from persid_check.format import Claimed, Infeasibility, Refutation, read_certificate
 from persid_check.infeasibility import prove_infeasibility
-from persid_check.model import model_sha256
+from persid_check.model import model_sha256, sha256_of
 from persid_check.refutation import prove_refutation
 from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
-
-PRECISION = 192  # bits of the ball arithmetic; every bound is rounded outwards, so this decides sharpness, not truth
 
 Source = bytes | str | Path
 
@@ -48,7 +47,7 @@ def _bytes(source: Source) -> bytes:
 
 
 def _same_model(claim: Claimed, other: Any) -> None:
-    if model_sha256(claim.subject.form) != claim.subject.sha256:
+    if sha256_of(claim.subject.form) != claim.subject.sha256:
         raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
     if other is not None and model_sha256(other) != claim.subject.sha256:
         raise NotProvedError("model", "the certificate speaks of another model")

@@ -7,11 +7,14 @@ So a program that runs through on an interval is continuous there: that is how c
 from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
-from typing import Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 from flint import arb, fmpq
 
 from persid_check.expression import Program
+
+
+PRECISION = 192  # bits of ball arithmetic; every bound is rounded outwards, so this decides sharpness, not truth
 
 
 class UndefinedError(ArithmeticError):
@@ -294,43 +297,34 @@ def _arithmetic_slope(name: str, v: E, a: E, da: E, b: E, db: E) -> E:
 _HALF, _UNIT, _TWO = Fraction(1, 2), Fraction(1), Fraction(2)
 
 
+def _one(a: E) -> E:
+    return a.constant(_UNIT)
+
+
+# The derivative of each smooth function at a, where its value is v.
+_DERIVATIVES: dict[str, Callable[[Any, Any], Any]] = {
+    "sqrt": lambda a, v: a.constant(_HALF) / v,
+    "exp": lambda a, v: v,
+    "expm1": lambda a, v: a.apply("exp"),
+    "log1p": lambda a, v: _one(a) / (_one(a) + a),
+    "sin": lambda a, v: a.apply("cos"),
+    "cos": lambda a, v: -a.apply("sin"),
+    "tan": lambda a, v: _one(a) + v.power(_TWO),
+    "sinh": lambda a, v: a.apply("cosh"),
+    "cosh": lambda a, v: a.apply("sinh"),
+    "tanh": lambda a, v: a.apply("cosh").power(-_TWO),
+    "arcsinh": lambda a, v: (_one(a) + a.power(_TWO)).power(-_HALF),
+    "arctan": lambda a, v: _one(a) / (_one(a) + a.power(_TWO)),
+    "erf": lambda a, v: a.apply("erf'"),
+    "softsign": lambda a, v: (_one(a) + a.apply("abs")).power(-_TWO),
+    "softplus": lambda a, v: _one(a) / (_one(a) + (-a).apply("exp")),
+}
+
+
 def _derivative(name: str, a: E, v: E) -> E:
     """The derivative of a function of the grammar at a, where its value is v."""
-    one = a.constant(_UNIT)
-    match name:
-        case "abs" | "relu" | "sat" | "deadzone":
-            return a.slope(name)
-        case "sqrt":
-            return a.constant(_HALF) / v
-        case "exp":
-            return v
-        case "expm1":
-            return a.apply("exp")
-        case "log1p":
-            return one / (one + a)
-        case "sin":
-            return a.apply("cos")
-        case "cos":
-            return -a.apply("sin")
-        case "tan":
-            return one + v.power(_TWO)
-        case "sinh":
-            return a.apply("cosh")
-        case "cosh":
-            return a.apply("sinh")
-        case "tanh":
-            return a.apply("cosh").power(-_TWO)
-        case "arcsinh":
-            return (one + a.power(_TWO)).power(-_HALF)
-        case "arctan":
-            return one / (one + a.power(_TWO))
-        case "erf":
-            return a.apply("erf'")
-        case "softsign":
-            return (one + a.apply("abs")).power(-_TWO)
-        case "softplus":
-            return one / (one + (-a).apply("exp"))
-    raise UndefinedError(f"no derivative of {name}")
+    derivative: E = a.slope(name) if name not in _DERIVATIVES else _DERIVATIVES[name](a, v)
+    return derivative
 
 
 def _bell(v: Interval) -> Interval:

@@ -6,10 +6,9 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx
 
-from persid_check.enclosure import Interval, UndefinedError, between, constant, value, value_and_slope
+from persid_check.enclosure import PRECISION, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.model import Model, read_model
 
-PRECISION = 192
 RADII = tuple(Fraction(1, 2**k) for k in (48, 40, 32, 24, 16, 10))  # tried in this order, times the size of x
 
 Vector = Sequence[Fraction]

@@ -113,7 +113,8 @@ def is_positive_definite(M: "Matrix | Sequence[Sequence[Number]]", T: Sequence[S
 
 
 def _bits(entries: fmpz_mat) -> int:
-    return max(int(v).bit_length() for row in entries.table() for v in row)
+    values = entries.entries()
+    return int(max(max(values), -min(values))).bit_length()
 
 
 def _is_dominant(C: fmpz_mat) -> bool:

@@ -8,17 +8,15 @@ order of growth. Whatever decays is bounded by its value at Y, so the leading te
 
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from functools import lru_cache
 
-from flint import arb, arb_series, ctx, fmpq, fmpq_series
+from flint import arb, fmpq
 
 from persid_check.enclosure import Interval, UndefinedError, constant, enclose
+from persid_check.taylor import ORDER, Coefficient, coefficients_about, series
 
 Key = tuple[fmpq, fmpq, fmpq]  # exponents (b, a, d) of e^y, y, log y
-Coefficient = fmpq | Interval
 
 MAX_TERMS = 8
-ORDER = 9  # of Taylor's polynomials; the remainder has this power
 BINOMIAL_ORDER = 5
 MAX_HEIGHT = 2000  # bits of an exact coefficient
 MAX_KEY = 10**6
@@ -137,7 +135,7 @@ class Expansion:
         return self + (-other)
 
     def __mul__(self, other: "Expansion") -> "Expansion":
-        return self._with([(_product(k, l), _times(c, d)) for k, c in self.terms for l, d in other.terms])
+        return self._with([(_product(k, m), _times(c, d)) for k, c in self.terms for m, d in other.terms])
 
     def __truediv__(self, other: "Expansion") -> "Expansion":
         return self * other.power(Fraction(-1))
@@ -201,20 +199,20 @@ class Expansion:
     def binomial(self, exponent: Fraction) -> "Expansion":
         """Return (1 + self) ** exponent for a decaying self > -1."""
         p = fmpq(exponent.numerator, exponent.denominator)
-        series = [_UNIT]
+        binomials = [_UNIT]
         for k in range(BINOMIAL_ORDER):
-            series.append(series[-1] * (p - k) / (k + 1))
+            binomials.append(binomials[-1] * (p - k) / (k + 1))
         if not self.terms:
             return self.constant(Fraction(1))
         reach = constant(Fraction(1)) + self.range().hull(constant(Fraction(0)))
         if not reach.lo > 0:
             raise UndefinedError("a base that is not proved positive")
-        return self._taylor(series[:-1], interval(series[-1]) * _real_power(reach, p - BINOMIAL_ORDER))
+        return self._taylor(binomials[:-1], interval(binomials[-1]) * _real_power(reach, p - BINOMIAL_ORDER))
 
-    def _taylor(self, series: Sequence[Coefficient], remainder: Interval) -> "Expansion":
-        """Return sum series_k self^k + remainder self^K, by Horner's rule."""
+    def _taylor(self, polynomial: Sequence[Coefficient], remainder: Interval) -> "Expansion":
+        """Return sum c_k self^k + remainder self^K, by Horner's rule."""
         total = self._with([(CONSTANT, remainder)])
-        for c in reversed(series):
+        for c in reversed(polynomial):
             total = total * self + self._with([(CONSTANT, c)])
         return total
 
@@ -261,13 +259,13 @@ class Expansion:
         center: Coefficient = next((c for key, c in self.terms if key == CONSTANT), _NONE)
         rest = self._with([term for term in self.terms if term[0] != CONSTANT])
         if not rest.terms and not isinstance(center, Interval) and center == 0:
-            return self._with([(CONSTANT, _series(name)[0])])
+            return self._with([(CONSTANT, series(name)[0])])
         reach = rest.range().hull(constant(Fraction(0))) + interval(center)
-        remainder = enclose(_coefficients(name, reach.ball(), ORDER + 1)[ORDER])
+        remainder = enclose(coefficients_about(name, reach.ball(), ORDER + 1)[ORDER])
         if isinstance(center, Interval) or center != 0:
-            about = [enclose(c) for c in _coefficients(name, interval(center).ball(), ORDER)]
+            about = [enclose(c) for c in coefficients_about(name, interval(center).ball(), ORDER)]
             return rest._taylor(about, remainder)
-        return rest._taylor(_series(name)[:ORDER], remainder)
+        return rest._taylor(series(name)[:ORDER], remainder)
 
     def apply(self, name: str) -> "Expansion":
         """Return a function of the grammar."""
@@ -291,12 +289,12 @@ class Expansion:
         return self._with([(CONSTANT, values)])
 
 
-def _product(k: Key, l: Key) -> Key:
-    return (k[0] + l[0], k[1] + l[1], k[2] + l[2])
+def _product(k: Key, m: Key) -> Key:
+    return (k[0] + m[0], k[1] + m[1], k[2] + m[2])
 
 
-def _ratio(k: Key, l: Key) -> Key:
-    return (k[0] - l[0], k[1] - l[1], k[2] - l[2])
+def _ratio(k: Key, m: Key) -> Key:
+    return (k[0] - m[0], k[1] - m[1], k[2] - m[2])
 
 
 def _quotient(a: Coefficient, b: Coefficient) -> Coefficient:
@@ -447,75 +445,3 @@ _BY_SIGN: dict[str, Callable[[Expansion], Expansion]] = {
     "deadzone": lambda v: v - _sat(v),
     "softsign": lambda v: v / (v.constant(Fraction(1)) + _abs(v)),
 }
-
-
-@lru_cache(maxsize=64)
-def _series(name: str) -> list[Coefficient]:
-    """Taylor coefficients at 0, exact where they are rational."""
-    x = fmpq_series([0, 1], prec=ORDER + 1)
-    one = fmpq_series([1], prec=ORDER + 1)
-    exact: dict[str, Callable[[], fmpq_series]] = {
-        "exp": x.exp,
-        "expm1": lambda: x.exp() - one,
-        "log1p": lambda: (one + x).log(),
-        "sin": x.sin,
-        "cos": x.cos,
-        "tan": x.tan,
-        "sinh": x.sinh,
-        "cosh": x.cosh,
-        "tanh": x.tanh,
-        "arcsinh": x.asinh,
-        "arctan": x.atan,
-    }
-    if name not in exact:
-        return [enclose(c) for c in _coefficients(name, arb(0), ORDER)]
-    _refuse_short_series()
-    coefficients: list[Coefficient] = list(exact[name]().coeffs())
-    return (coefficients + [_NONE] * ORDER)[:ORDER]
-
-
-def _coefficients(name: str, center: arb, count: int) -> list[arb]:
-    """Taylor coefficients of a function, enclosed for every center in the ball."""
-    _refuse_short_series()
-    x = arb_series([center, 1], prec=count)
-    try:
-        coefficients = list(_power_series(name, x, center, count).coeffs())
-    except (ValueError, ZeroDivisionError) as error:
-        raise UndefinedError(f"no series of {name} there: {error}") from None
-    return (coefficients + [arb(0)] * count)[:count]
-
-
-def _refuse_short_series() -> None:
-    """A series cut shorter than asked for would look like a polynomial."""
-    if ctx.cap < ORDER + 1:
-        raise UndefinedError("the library is set to shorter power series")
-
-
-def _power_series(name: str, x: arb_series, center: arb, count: int) -> arb_series:
-    one = arb_series([1], prec=count)
-    match name:
-        case "exp" | "sin" | "cos" | "tan" | "erf":
-            return getattr(x, name)()
-        case "expm1":
-            return x.exp() - one
-        case "log1p":
-            return (one + x).log()
-        case "sinh":
-            return (x.exp() - (-x).exp()) / 2
-        case "cosh":
-            return (x.exp() + (-x).exp()) / 2
-        case "tanh":
-            return one - 2 / (one + (2 * x).exp())
-        case "arctan":
-            return x.atan()
-        case "arcsinh":
-            return _primitive(center.asinh(), (one + x * x).rsqrt(), count)
-        case "erf'":
-            return (-(x * x)).exp() * (2 / arb.pi().sqrt())
-        case "softplus":
-            return _primitive(center.exp().log1p(), one / (one + (-x).exp()), count)
-    raise UndefinedError(f"no series of {name}")
-
-
-def _primitive(start: arb, slope: arb_series, count: int) -> arb_series:
-    return arb_series([start, *list(slope.integral().coeffs())[1:count]], prec=count)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from persid_check.model import Group, Model, canonical_model, groups_of, read_model
+from persid_check.model import Group, Model, canonical_model, groups_of, model_of
 from persid_check.results import FormatError
 
 FORMAT = "persid-certificate-1"
@@ -147,7 +147,7 @@ def _subject(claim: str, data: Mapping[str, Any]) -> Subject:
     form = data["model"]
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
-    model = read_model(form)
+    model = model_of(form)
     return Subject(claim, data["model_sha256"], form, model, groups_of(model))
 
 

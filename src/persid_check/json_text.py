@@ -7,12 +7,11 @@ from typing import Any, NoReturn
 
 from persid_check.results import FormatError
 
-MAX_BYTES = 256 * 2**20
+MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 16
 MAX_DIGITS = 700  # of an integer: a binary64 or a dyadic mantissa needs fewer
 
-_STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
-_BRACKET = re.compile(r"[\[\]{}]")
+_TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{}]', re.DOTALL)  # a string, closed or not, or a bracket
 
 
 def read(data: bytes, *, floats: bool) -> Any:
@@ -41,18 +40,18 @@ def read(data: bytes, *, floats: bool) -> Any:
 
 def _refuse_depth(text: str) -> None:
     depth = 0
-    for bracket in _BRACKET.finditer(_STRING.sub("", text)):
-        depth += 1 if bracket.group() in "[{" else -1
+    for token in _TOKEN.finditer(text):
+        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token.group()[:1], 0)
         if depth > MAX_DEPTH:
             raise FormatError("file", f"nested more than {MAX_DEPTH} deep")
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise FormatError("file", f"the field {twice[:60]!r} stands twice in one object")
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise FormatError("file", f"the field {name[:60]!r} stands twice in one object")
+        found[name] = value
     return found
 
 

@@ -12,8 +12,8 @@ from persid_check.expression import ExpressionError, Program, parse
 from persid_check.results import FormatError
 
 FORMAT = "persid-model-1"
-MAX_STATES = 2000
-MAX_CHANNELS = 10000
+MAX_STATES = 1000
+MAX_CHANNELS = 3000  # 12 functions for each of 250 states, or 3 for each of 1000
 _FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
 _REQUIRED = {"format", "states", "terms", "B"}
 _ZERO = (0.0).hex()
@@ -97,20 +97,30 @@ def canonical_model(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def model_sha256(data: Mapping[str, Any]) -> str:
     """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces."""
-    text = json.dumps(canonical_model(data), sort_keys=True, separators=(",", ":"))
+    return sha256_of(canonical_model(data))
+
+
+def sha256_of(form: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a canonical form."""
+    text = json.dumps(form, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def read_model(data: Mapping[str, Any]) -> Model:
     """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly."""
-    form = canonical_model(data)
+    return model_of(canonical_model(data))
+
+
+def model_of(form: Mapping[str, Any]) -> Model:
+    """Return the model of a canonical form."""
     n = len(form["states"])
     A0 = [[Fraction(value) for value in row] for row in _floats(form["A0"])]
     channels: list[Channel] = []
     for term in form["terms"]:
         A = _floats(term["A"])
+        programs = {text: parse(text) for text in set(_texts(term))}
         for k, (text, row) in enumerate(zip(_texts(term), _rows(term, n), strict=True)):
-            channel = Channel(text, parse(text), row, tuple(line[k] for line in A))
+            channel = Channel(text, programs[text], row, tuple(line[k] for line in A))
             if len(channel.program) == 1 and channel.program[0].name == "x":
                 _merge(A0, channel)
             else:

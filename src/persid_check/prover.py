@@ -8,98 +8,47 @@ interval; between, intervals are bisected. Every answer is True or False, and Fa
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, wraps
 from math import lcm
-from typing import TypeVar
+from typing import ParamSpec
 
-from flint import arb, fmpq
+from flint import ctx, fmpq
 
-from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
+from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program
+from persid_check.side import (
+    BUDGET,
+    FINEST,
+    GERMS,
+    MONOTONE,
+    SECTOR,
+    TAILS,
+    Curve,
+    DisprovedError,
+    Domain,
+    Form,
+    Proof,
+    Property,
+    Shift,
+    Side,
+    as_interval,
+    scaled,
+)
 
-Curve = tuple[tuple[Program, Fraction], ...]
-Form = tuple[Fraction, ...]
-Domain = tuple[Fraction, Fraction] | None
-Shift = tuple[Fraction, Fraction] | None
-E = TypeVar("E", bound=Element)
-
-BUDGET = 3000  # evaluations on intervals for one side of one property
-FINEST = Fraction(1, 2**40)  # no interval is bisected below this part of the first one
-GERMS = tuple(Fraction(2) ** k for k in (3, 1, -1, -3, -6, -12, -24))
-TAILS = tuple(Fraction(2) ** k for k in (1, 2, 4, 6, 8, 12, 20))
 _ZERO, _ONE = Fraction(0), Fraction(1)
+_Arguments = ParamSpec("_Arguments")
 
 
-@dataclass(frozen=True)
-class Side:
-    """G(t) = sign * l'phi(sign * t) for t >= 0, with the channels shifted by y* in the ball (center, radius)."""
+def _precisely(proof: Callable[_Arguments, bool]) -> Callable[_Arguments, bool]:
+    """Run a proof at the checker's precision, whatever the caller's is."""
 
-    curve: Curve
-    form: Form
-    sign: int
-    shift: Shift
+    @wraps(proof)
+    def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> bool:
+        with ctx.workprec(PRECISION):
+            return proof(*args, **kwargs)
 
-    def at(self, t: E, y: E) -> tuple[E, E]:
-        """Return G(t) and its derivative; `y` is y* as an element of the same kind."""
-        sign = t.constant(Fraction(self.sign))
-        G, D = t.constant(self.form[0]) * t, t.constant(self.form[0])
-        for l, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
-            scale, factor = t.constant(alpha), t.constant(l)
-            f, slope = value_and_slope(program, scale * (y + sign * t), scale)
-            G, D = G + factor * sign * self._change(f, program, scale * y), D + factor * slope
-        return G, D
-
-    def value_at(self, t: E, y: E) -> E:
-        """Return G(t) alone."""
-        sign = t.constant(Fraction(self.sign))
-        G = t.constant(self.form[0]) * t
-        for l, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
-            scale = t.constant(alpha)
-            f = value(program, scale * (y + sign * t))
-            G = G + t.constant(l) * sign * self._change(f, program, scale * y)
-        return G
-
-    def _change(self, f: E, program: Program, start: E) -> E:
-        return f if self.shift is None else f - value(program, start)
-
-    def on(self, t: Interval) -> tuple[Interval, Interval]:
-        """Return enclosures over an interval of t."""
-        center, radius = self.shift or (_ZERO, _ZERO)
-        return self.at(t, between(center - radius, center + radius))
-
-    def beyond(self, Y: Fraction, *, inverse: bool = False, slope: bool = False) -> tuple[Expansion, ...]:
-        """Return t, G (and D with `slope`) on [Y, infinity), or with `inverse` on (0, 1/Y], as expansions."""
-        horizon = Horizon(Y)
-        key = (fmpq(0), fmpq(-1 if inverse else 1), fmpq(0))
-        t = Expansion(horizon, [(key, fmpq(1))])
-        center, radius = self.shift or (_ZERO, _ZERO)
-        y = t.constant(center)
-        if radius:
-            y = Expansion(horizon, [(CONSTANT, between(center - radius, center + radius))])
-        return (t, *self.at(t, y)) if slope else (t, self.value_at(t, y))
-
-
-@dataclass(frozen=True)
-class Property:
-    """An expression in (t, G, D) that must not be negative.
-
-    Where it vanishes at t = 0 because G does, `origin` divides it by t: G / t is a mean of D, so an enclosure of D over
-    [0, h] stands for both. `slope` is the derivative of the expression where it is cheap.
-    """
-
-    expression: Callable[..., Element]
-    origin: Callable[[Interval], Interval] | None = None
-    slope: Callable[[Interval], Interval] | None = None
-    needs_slope: bool = True
-
-
-def _scaled(element: Element, factor: Fraction) -> Element:
-    return element.constant(factor) * element
-
-
-SECTOR = Property(lambda t, G, D=None: G, lambda D: D, lambda D: D, needs_slope=False)
-MONOTONE = Property(lambda t, G, D: D)
+    return run
 
 
 @dataclass(frozen=True)
@@ -116,8 +65,8 @@ class Integral:
 
     def _expression(self, t: Element, G: Element, D: Element | None = None) -> Element:
         if D is not None and self.upper:
-            return _scaled(G, self.c - 1) + _scaled(t * D, self.c)
-        return G - _scaled(t, self.c)
+            return scaled(G, self.c - 1) + scaled(t * D, self.c)
+        return G - scaled(t, self.c)
 
     def origin(self, D: Interval) -> Interval:
         """The gap's derivative divided by t, from an enclosure of D on [0, h]."""
@@ -132,6 +81,7 @@ class Integral:
         return area - constant(self.c / 2) * t * t
 
 
+@_precisely
 def prove_sector_form(curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None) -> bool:
     """Prove s l'phi(s) >= 0 on the domain (theory: a sector form), for every shift in the ball."""
     curve, form = _used(curve, form)
@@ -141,6 +91,7 @@ def prove_sector_form(curve: Curve, form: Iterable[Fraction], domain: Domain = N
     return rises or _proved(curve, form, domain, shift, SECTOR, False)
 
 
+@_precisely
 def prove_strict_sector_form(
     curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None
 ) -> bool:
@@ -152,12 +103,14 @@ def prove_strict_sector_form(
     return rises or _proved(curve, form, domain, shift, SECTOR, True)
 
 
+@_precisely
 def prove_nondecreasing(curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None) -> bool:
     """Prove that l'phi is nondecreasing on the domain."""
     curve, form = _used(curve, form)
     return prove_continuous(curve, domain, shift) and _proved(curve, form, domain, shift, MONOTONE, False)
 
 
+@_precisely
 def prove_strictly_increasing(
     curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None
 ) -> bool:
@@ -170,6 +123,7 @@ def prove_strictly_increasing(
     return all(_is_analytic(program) for program, _ in curve) and _rises_somewhere(curve, form, domain, shift)
 
 
+@_precisely
 def prove_integral_upper(
     curve: Curve, form: Iterable[Fraction], c: Fraction, domain: Domain = None, shift: Shift = None
 ) -> bool:
@@ -184,6 +138,7 @@ def prove_integral_upper(
     return _integral(curve, form, domain, shift, _lemma(True, c))
 
 
+@_precisely
 def prove_integral_lower(
     curve: Curve, form: Iterable[Fraction], d: Fraction, domain: Domain = None, shift: Shift = None
 ) -> bool:
@@ -209,6 +164,7 @@ def _integral(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: 
     return rises or _marched(curve, form, domain, shift, integral)
 
 
+@_precisely
 def prove_integral_unbounded(
     curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None
 ) -> bool:
@@ -221,6 +177,7 @@ def prove_integral_unbounded(
     return all((rises or _starts_positive(side)) and _some(TAILS, side, _diverges) for side in sides)
 
 
+@_precisely
 def prove_radially_unbounded(
     curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None
 ) -> bool:
@@ -230,6 +187,7 @@ def prove_radially_unbounded(
     return domain is None and prove_continuous(curve) and all(_some(TAILS, side, _escapes) for side in sides)
 
 
+@_precisely
 def prove_bounded(curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None) -> bool:
     """Prove that l'phi is bounded on R."""
     curve, form = _used(curve, form)
@@ -237,6 +195,7 @@ def prove_bounded(curve: Curve, form: Iterable[Fraction], domain: Domain = None,
     return domain is None and prove_continuous(curve) and all(_some(TAILS, side, _stays) for side in sides)
 
 
+@_precisely
 def prove_bounded_below(curve: Curve, form: Iterable[Fraction]) -> bool:
     """Prove that l'phi is bounded from below on R."""
     curve, form = _used(curve, form)
@@ -248,6 +207,7 @@ def prove_bounded_below(curve: Curve, form: Iterable[Fraction]) -> bool:
     return prove_continuous(curve) and all(_some(TAILS, Side(curve, form, sign, None), stays_above) for sign in (1, -1))
 
 
+@_precisely
 def prove_continuous(curve: Curve, domain: Domain = None, shift: Shift = None) -> bool:
     """Prove that every function of the curve is defined and continuous on the domain."""
     center, radius = shift or (_ZERO, _ZERO)
@@ -307,114 +267,7 @@ def _proved(curve: Curve, form: Form, domain: Domain, shift: Shift, wanted: Prop
         return False
     ends = (None, None) if domain is None else (domain[1], -domain[0])
     sides = [Side(curve, form, sign, shift) for sign in (1, -1)]
-    return all(_Proof(side, end, wanted, strict).run() for side, end in zip(sides, ends, strict=True))
-
-
-class _Proof:
-    """The proof that a property's expression is >= 0 (or > 0 for t > 0) on [0, end], or on [0, infinity)."""
-
-    def __init__(self, side: Side, end: Fraction | None, wanted: Property, strict: bool) -> None:
-        self.side, self.end, self.wanted, self.strict = side, end, wanted, strict
-        self.budget = BUDGET
-
-    def run(self) -> bool:
-        try:
-            last = self.tail() if self.end is None else self.end
-            start = self._germ(last)
-        except _DisprovedError:
-            return False
-        if last is None or (start is None and (self.wanted.origin is None or self.side.shift is None)):
-            return False
-        return self._between(start or _ZERO, last)
-
-    def _accepts(self, enclosed: Interval) -> bool:
-        return bool(enclosed.lo > 0 if self.strict else enclosed.lo >= 0)
-
-    def _sign_beyond(self, Y: Fraction, *, inverse: bool) -> bool:
-        """Whether the expansion proves the property; an expansion with the wrong sign ends the proof."""
-        try:
-            expression = self.wanted.expression(*self.side.beyond(Y, inverse=inverse, slope=self.wanted.needs_slope))
-            if not expression.terms:  # type: ignore[attr-defined]
-                return not self.strict
-            relative = expression.relative()  # type: ignore[attr-defined]
-        except UndefinedError:
-            return False
-        if relative.hi < 0:
-            raise _DisprovedError
-        return self._accepts(relative)
-
-    def tail(self) -> Fraction | None:
-        """The first Y tried such that the expansion proves the property on [Y, infinity)."""
-        return next((Y for Y in TAILS if self._sign_beyond(Y, inverse=False)), None)
-
-    def _germ(self, last: Fraction | None) -> Fraction | None:
-        """The length of an interval (0, h] on which the expansion at 0 proves the property."""
-        if self.side.shift is not None and self.side.shift[1] and self.wanted.origin is not None:
-            return None
-        tried = [h for h in GERMS if last is None or h < last]
-        whole = [] if last is None else [last]
-        return next((h for h in (*whole, *tried) if self._sign_beyond(1 / h, inverse=True)), None)
-
-    def _between(self, start: Fraction, last: Fraction) -> bool:
-        """Bisect [start, last]; the expression needs no proof at t = 0 itself."""
-        pieces = _powers(start, last)
-        least = (last - start) * FINEST
-        while pieces:
-            a, b = pieces.pop()
-            self.budget -= 1
-            verdict = self._piece(a, b)
-            if verdict is None:
-                if self.budget <= 0 or b - a <= least:
-                    return False
-                pieces += [((a + b) / 2, b), (a, (a + b) / 2)]
-            elif not verdict:
-                return False
-        return True
-
-    def _piece(self, a: Fraction, b: Fraction) -> bool | None:
-        """True: proved on [a, b]; False: disproved somewhere; None: neither."""
-        t = between(a, b)
-        try:
-            G, D = self.side.on(t)
-            if a == 0 and self.wanted.origin is not None:
-                return True if self._accepts(self.wanted.origin(D)) else None
-            enclosed = self.wanted.expression(t, G, D)
-            if self._accepts(enclosed):  # type: ignore[arg-type]
-                return True
-            if enclosed.hi < 0:  # type: ignore[attr-defined]
-                return False
-            return None if self.wanted.slope is None else self._by_slope(a, b, self.wanted.slope(D))
-        except UndefinedError:
-            return None
-
-    def _by_slope(self, a: Fraction, b: Fraction, slope: Interval) -> bool | None:
-        """Where the expression is monotone its lower end decides; else the mean value theorem about the middle."""
-        if slope.lo >= 0 or slope.hi <= 0:
-            enclosed = self._at(a if slope.lo >= 0 else b)
-        else:
-            half = (b - a) / 2
-            enclosed = self._at((a + b) / 2) + slope * between(-half, half)
-        if self._accepts(enclosed):
-            return True
-        return False if enclosed.hi < 0 else None
-
-    def _at(self, t: Fraction) -> Interval:
-        point = constant(t)
-        return self.wanted.expression(point, *self.side.on(point))  # type: ignore[return-value]
-
-
-class _DisprovedError(Exception):
-    """The property is false."""
-
-
-def _powers(start: Fraction, last: Fraction) -> list[tuple[Fraction, Fraction]]:
-    """Intervals from start to last, cut at powers of two where kinks like to be; the first one is last in the list."""
-    if start >= last:
-        return []
-    cuts = [start, *(c for k in range(-24, 22) if start < (c := Fraction(2) ** k) < last), last]
-    if start == 0:
-        cuts = [c for c in cuts if c == 0 or c >= min(last, Fraction(1, 4))]
-    return list(zip(cuts, cuts[1:], strict=False))[::-1]
+    return all(Proof(side, end, wanted, strict).run() for side, end in zip(sides, ends, strict=True))
 
 
 def _some(places: Iterable[Fraction], side: Side, test: Callable[[Side, Expansion, Expansion], bool]) -> bool:
@@ -459,9 +312,8 @@ def _starts_positive(side: Side) -> bool:
 
 def _is_analytic(program: Program) -> bool:
     kinked = {"abs", "relu", "sat", "deadzone", "softsign", "sqrt"}
-    return not any(
-        step.name in kinked or (step.value or _ZERO).denominator == 2 and step.name == "**" for step in program
-    )
+    half = any(step.name == "**" and (step.value or _ZERO).denominator == 2 for step in program)
+    return not half and not any(step.name in kinked for step in program)
 
 
 def _rises_somewhere(curve: Curve, form: Form, domain: Domain, shift: Shift) -> bool:
@@ -482,8 +334,8 @@ def _marched(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: "
     for sign, end in zip((1, -1), ends, strict=True):
         side = Side(curve, form, sign, shift)
         try:
-            last = _Proof(side, None, integral.derivative, False).tail() if end is None else end
-        except _DisprovedError:
+            last = Proof(side, None, integral.derivative, False).tail() if end is None else end
+        except DisprovedError:
             return False
         if last is None or not any(_march(side, last, steps, integral) for steps in (32, 256, 2048)):
             return False
@@ -527,16 +379,9 @@ def _keeps(
     """Whether a gap that is >= 0 at a stays so over the step t, by the least value of its derivative there."""
     if a == 0:
         return False
-    rise = interval_of(integral.derivative.expression(t, *GD)).lo
+    rise = as_interval(integral.derivative.expression(t, *GD)).lo
     if rise >= 0:
         return True
     start = integral.gap(constant(a), side.on(constant(a))[0], area)
     width = t - constant(a)
     return bool((start + Interval(width.hi, width.hi) * Interval(rise, rise)).lo >= 0)
-
-
-def interval_of(element: Element) -> Interval:
-    """Return an element that is an interval."""
-    if not isinstance(element, Interval):
-        raise TypeError("not an interval")
-    return element

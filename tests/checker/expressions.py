@@ -31,7 +31,9 @@ def odd_part(choose: random.Random) -> str:
     return text if choose.random() < 0.4 else f"x*(({text})**2+{choose.randint(0, 3)}/8)+{choose.randint(-1, 2)}/16*x"
 
 
-SAMPLES = np.concatenate([s * np.geomspace(1e-6, 1e6, 40001) for s in (1, -1)] + [s * np.linspace(0, 30, 60001)[1:] for s in (1, -1)])
+SAMPLES = np.concatenate(
+    [s * np.geomspace(1e-6, 1e6, 40001) for s in (1, -1)] + [s * np.linspace(0, 30, 60001)[1:] for s in (1, -1)]
+)
 
 
 def is_sector_function(text: str) -> bool | None:

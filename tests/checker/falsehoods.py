@@ -44,7 +44,9 @@ _GONE = object()
 FALSEHOODS: list[Falsehood] = []
 
 
-def _set(name: str, base: str, expected: str, why: str, *edits: tuple[tuple[Any, ...], Any], rehash: bool = False) -> None:
+def _set(
+    name: str, base: str, expected: str, why: str, *edits: tuple[tuple[Any, ...], Any], rehash: bool = False
+) -> None:
     FALSEHOODS.append(Falsehood(name, expected, why, lambda: _changed(base, *edits, rehash=rehash)))
 
 
@@ -76,7 +78,13 @@ _set("huge_exponent", G, M, "an exponent beyond all use", ((*P0, 1), 10**9))
 _set("huge_mantissa", G, M, "a mantissa beyond all use", ((*P0, 0), 1 << 2049))
 _set("factor_of_floats", G, M, "T is of integers", (("proof", "Q", 0, 0), 0.5))
 _set("factor_not_lower", G, M, "a row of T is too long", (("proof", "Q", 0), [1, 0]))
-_set("form_too_short", G, M, "a form has one coefficient a function, and one for y", (("groups", 0, "forms", 0), [[1, 0]]))
+_set(
+    "form_too_short",
+    G,
+    M,
+    "a form has one coefficient a function, and one for y",
+    (("groups", 0, "forms", 0), [[1, 0]]),
+)
 _set("mu_too_short", G, M, "one mu a form", (("groups", 0, "mu"), [[1, 0]]))
 _set("groups_too_few", G, M, "one entry a group", (("groups",), []))
 _set("pair_across_groups", G, M, "an index beyond the group's forms", ((*TAU, 1), 4))
@@ -115,7 +123,11 @@ _text("truncated", "half a file", lambda text: text[: len(text) // 2])
 _text("not_utf8", "not UTF-8", lambda text: text.replace(b"for people", b"\xff\xfe"))
 _text("byte_order_mark", "a mark before the object", lambda text: b"\xef\xbb\xbf" + text)
 _text("nested", "nested beyond all use", lambda text: b"[" * 100000)
-_text("long_integer", "an integer of 10000 digits", lambda text: text.replace(b'"dropped": []', b'"dropped": [' + b"9" * 10000 + b"]"))
+_text(
+    "long_integer",
+    "an integer of 10000 digits",
+    lambda text: text.replace(b'"dropped": []', b'"dropped": [' + b"9" * 10000 + b"]"),
+)
 _text("a_list", "not an object", lambda text: b"[]")
 _text("empty", "nothing", lambda text: b"")
 
@@ -139,7 +151,9 @@ _set("zero_certificate", G, R, "P = mu = tau = 0 proves nothing", (("P", "diagon
      *(((("groups", g, "mu"), [[0, 0]] * 4)) for g in range(2)), *(((("groups", g, "products"), [])) for g in range(2)))  # fmt: skip
 _set("negative_P", "g_linear", R, "P must be positive", (P0, [-1, 0]))
 _set("zero_P", "g_linear", R, "P must be strictly positive", (P0, [0, 0]))
-_set("boundary", "g_linear", R, "gamma = 1/2 is the boundary of the inequality, not its interior", (("gamma",), [1, -1]))
+_set(
+    "boundary", "g_linear", R, "gamma = 1/2 is the boundary of the inequality, not its interior", (("gamma",), [1, -1])
+)
 _set("no_input_block", "g_linear", R, "T has no row for the input", (("proof", "Q"), [[1]]))
 _set("empty_factor", "g_linear", R, "T is empty", (("proof", "Q"), []))
 _set("large_factor", "g_linear", R, "T has a row too many", (("proof", "Q"), [[1], [1, 2], [0, 0, 1]]))
@@ -154,7 +168,14 @@ _set("drop_with_form", DROP, R, "a form touches the channel", (("groups", 0, "fo
 _set("undropped", DROP, R, "T does not fit the entries kept", (("dropped",), []))
 _set("integral_of_cube", E, R, "the integral of y^3 is y^4 / 4", (("groups", 0, "integral", 1), [3, -4]))
 _set("integral_of_line", E, R, "the integral of y is y^2 / 2", (("groups", 0, "integral", 0), [7, -4]))
-_set("integral_of_tanh", E, R, "tanh needs 1", (("groups", 0, "mu", 2), [1, -30]), (("groups", 0, "integral", 2), [1, -1]))
+_set(
+    "integral_of_tanh",
+    E,
+    R,
+    "tanh needs 1",
+    (("groups", 0, "mu", 2), [1, -30]),
+    (("groups", 0, "integral", 2), [1, -1]),
+)
 _set("integral_missing", E, R, "a form with mu > 0 needs a constant", (("groups", 0, "integral"), [None] * 4))
 _set("fast", E, R, "kappa is too large", (("kappa",), [4, 0]))
 _set("zero_kappa", E, R, "kappa must be positive", (("kappa",), [0, 0]))
@@ -166,7 +187,13 @@ _set("point_ball", BALL, R, "the centre is no equilibrium exactly", (("operating
 _set("negative_ball", BALL, R, "a radius is not negative", (("operating_point", "radius"), [-1, -30]))
 _set("moved_ball", BALL, R, "no equilibrium there", (("operating_point", "x", 0), [2, 0]))
 _set("other_input", BALL, R, "the equilibrium of another input", (("operating_point", "u", 0), [2, 0]))
-_set("shifted_constant", "e_shifted", R, "1/4 does not hold for the shifted cube", (("groups", 0, "integral", 1), [1, -2]))
+_set(
+    "shifted_constant",
+    "e_shifted",
+    R,
+    "1/4 does not hold for the shifted cube",
+    (("groups", 0, "integral", 1), [1, -2]),
+)
 _set("box_without_point", REG, R, "0 is not inside the box", (("box", 0), [[1, 0], [2, 0]]))
 _set("box_on_its_face", REG, R, "0 is on a face of the box", (("box", 0), [[0, 0], [2, 0]]))
 _set("box_backwards", REG, R, "lo < hi", (("box", 0), [[2, 0], [-2, 0]]))
@@ -181,7 +208,9 @@ _set("negative_quadratic", REG, R, "d is not negative", (("groups", 0, "quadrati
 _set("no_quadratic", REG, R, "a form with mu > 0 needs d", (("groups", 0, "quadratic"), [None] * 4))
 _set("infeasible_zero", "infeasible_full", R, "X = 0 separates nothing", (("L",), [[0], [0]]))
 _set("infeasible_sign", "infeasible_full", R, "a product is negative", (("L",), [[4], [-1]]))
-_set("infeasible_stable", "infeasible_full", R, "the model is stable", (("model", "A0", 0, 0), (-2.0).hex()), rehash=True)
+_set(
+    "infeasible_stable", "infeasible_full", R, "the model is stable", (("model", "A0", 0, 0), (-2.0).hex()), rehash=True
+)
 _set("infeasible_zero_product", "infeasible_full", R, "a product is zero, not positive", (("L",), [[4], [4]]))
 _set("same_equilibrium_twice", "refuted_two", R, "one equilibrium", (("witness", "points", 1), named._ORIGIN))
 _set("overlapping_balls", "refuted_two", R, "the balls overlap", (("witness", "points", 1, "radius"), [2, 0]))
@@ -192,13 +221,41 @@ _set("negative_direction", "refuted_unstable", R, "e'Se < 0", (("witness", "S", 
 _set("no_direction", "refuted_unstable", R, "e = 0", (("witness", "direction", 0), [0, 0]))
 _set("fast_growth", "refuted_unstable", R, "the growth is 1, not 2", (("witness", "sigma"), [2, 0]))
 _set("singular_factor", "refuted_unstable", R, "T is singular", (("witness", "T"), [[0]]))
-_set("unbounded_function", "refuted_unstable_linear", R, "sinh is not bounded", (("model", "terms", 0, "f"), "sinh(x)"), rehash=True)
-_set("stable_linear_part", "refuted_unstable_linear", R, "A0 is stable", (("model", "A0", 0, 0), (-0.5).hex()), rehash=True)
+_set(
+    "unbounded_function",
+    "refuted_unstable_linear",
+    R,
+    "sinh is not bounded",
+    (("model", "terms", 0, "f"), "sinh(x)"),
+    rehash=True,
+)
+_set(
+    "stable_linear_part",
+    "refuted_unstable_linear",
+    R,
+    "A0 is stable",
+    (("model", "A0", 0, 0), (-0.5).hex()),
+    rehash=True,
+)
 _set("no_marginal_direction", "refuted_marginal", R, "w = 0", (("witness", "direction", 0), [0, 0]))
 _set("no_input", "refuted_marginal", R, "w'B = 0", (("model", "B", 0, 0), (0.0).hex()), rehash=True)
 _set("not_marginal", "refuted_marginal", R, "w'A0 is not 0", (("model", "A0", 0, 0), (-1.0).hex()), rehash=True)
-_set("restoring_function", "refuted_marginal", R, "-2 x^3 is not bounded below", (("model", "terms", 0, "f"), "x**3"), rehash=True)
-_set("restoring_logarithm", "refuted_marginal", R, "-2 arcsinh is not bounded below", (("model", "terms", 0, "f"), "arcsinh(x)"), rehash=True)
+_set(
+    "restoring_function",
+    "refuted_marginal",
+    R,
+    "-2 x^3 is not bounded below",
+    (("model", "terms", 0, "f"), "x**3"),
+    rehash=True,
+)
+_set(
+    "restoring_logarithm",
+    "refuted_marginal",
+    R,
+    "-2 arcsinh is not bounded below",
+    (("model", "terms", 0, "f"), "arcsinh(x)"),
+    rehash=True,
+)
 _set("start_at_rest", "refuted_cooperative", R, "the start is the equilibrium", (("witness", "start", 0), [0, 0]))
 _set("start_below", "refuted_cooperative", R, "the start lies below", (("witness", "start", 0), [-1, 0]))
 _set("start_too_far", "refuted_cooperative", R, "F < 0 there", (("witness", "start", 0), [3, 0]))
@@ -222,15 +279,32 @@ def _one(f: str, *, a: float = -1.0, A0: float = 0.0) -> Certificate:
 
 
 AXIS, FACTOR = [[[0, 0], [1, 0]]], [[1], [1, 2]]
-_file("saturated_as_M", R, "x' = -tanh x + u diverges for u = 2", lambda: _M(_one("tanh(x)"), AXIS, [[1, 0]], FACTOR, [0]))
-_file("dead_zone_as_M", R, "x' = -dz(x) + u rests all over the dead zone", lambda: _M(_one("deadzone(x)"), AXIS, [[1, 0]], FACTOR, [0]))
-_file("one_sided_as_M", R, "x' = -(exp x - 1) + u diverges for u = -2", lambda: _M(_one("exp(x)-1"), AXIS, [[1, 0]], FACTOR, [0]))
+_file(
+    "saturated_as_M", R, "x' = -tanh x + u diverges for u = 2", lambda: _M(_one("tanh(x)"), AXIS, [[1, 0]], FACTOR, [0])
+)
+_file(
+    "dead_zone_as_M",
+    R,
+    "x' = -dz(x) + u rests all over the dead zone",
+    lambda: _M(_one("deadzone(x)"), AXIS, [[1, 0]], FACTOR, [0]),
+)
+_file(
+    "one_sided_as_M",
+    R,
+    "x' = -(exp x - 1) + u diverges for u = -2",
+    lambda: _M(_one("exp(x)-1"), AXIS, [[1, 0]], FACTOR, [0]),
+)
 _file("slow_as_M", R, "x' = -x / (1 + x^2) + u diverges", lambda: _M(_one("x/(1+x**2)"), AXIS, [[1, 0]], FACTOR, [0]))
 _file("absent_row", R, "x' = x + u, the sinh row of column zero kept in V, the state dropped",
       lambda: _M(_one("sinh(x)", a=0.0, A0=1.0), AXIS, [[1, 0]], FACTOR, [0]))  # fmt: skip
 _file("absent_row_all", R, "x' = x + u, everything dropped",
       lambda: _M(_one("sinh(x)", a=0.0, A0=1.0), AXIS, [[0, 0]], [[1]], [0, 1]))  # fmt: skip
-_file("nothing_kept", R, "x' = 0 x + u, everything dropped", lambda: _M(_one("sinh(x)", a=0.0), AXIS, [[0, 0]], [[1]], [0, 1]))
+_file(
+    "nothing_kept",
+    R,
+    "x' = 0 x + u, everything dropped",
+    lambda: _M(_one("sinh(x)", a=0.0), AXIS, [[0, 0]], [[1]], [0, 1]),
+)
 _file("cubic_as_everywhere", R, "x' = -(x - 10 sinh(x/10)) at rest all around 0",
       lambda: _M(_one("10*sinh(x/10)", A0=2.0), AXIS, [[1, 0]], FACTOR, [0]))  # fmt: skip
 _file("constant_force", R, "x' = -x + 2 at x = 1: F > 0 there, and it is certified about 2",

@@ -17,7 +17,8 @@ Array = np.ndarray
 
 
 def _number(pair: list[int]) -> float:
-    return float(Fraction(pair[0]) * Fraction(2) ** pair[1])
+    limit = Fraction(2) ** 1000  # a mutant may say more
+    return float(min(limit, max(-limit, Fraction(pair[0]) * Fraction(2) ** pair[1])))
 
 
 def _numbers(pairs: list[list[int]]) -> Array:
@@ -35,7 +36,9 @@ class Model:
         n, m = len(form["states"]), len(form["inputs"])
         self.n, self.m = n, m
         self.A0, self.B = _matrix(form["A0"], n), _matrix(form["B"], m)
-        self.b, self.x_ref, self.u_ref = (np.array([float.fromhex(v) for v in form[k]]) for k in ("b", "x_ref", "u_ref"))
+        self.b, self.x_ref, self.u_ref = (
+            np.array([float.fromhex(v) for v in form[k]]) for k in ("b", "x_ref", "u_ref")
+        )
         self.f, rows, columns = [], [], []
         for term in form["terms"]:
             R = np.eye(n) if term["R"] is None else _matrix(term["R"], n)
@@ -123,7 +126,9 @@ def _stability_faults(certificate: dict[str, Any], model: Model) -> list[str]:
     for g, proof in enumerate(certificate["groups"]):
         N, row = _N(model, g), model.groups[g][0]
         forms = [_numbers(form) for form in proof["forms"]]
-        used = {k for k, mu in enumerate(proof["mu"]) if mu[0]} | {k for *pair, tau in proof["products"] if tau[0] for k in pair}
+        used = {k for k, mu in enumerate(proof["mu"]) if mu[0]} | {
+            k for *pair, tau in proof["products"] if tau[0] for k in pair
+        }
         found += _form_faults(certificate, model, g, [(k, forms[k]) for k in sorted(used)], x)
         for k, mu in enumerate(proof["mu"]):
             value = _number(mu)
@@ -173,7 +178,9 @@ def _domain(certificate: dict[str, Any], row: Array, x: Array) -> tuple[float, f
     return float(ends[:, 0].sum()), float(ends[:, 1].sum())
 
 
-def _form_faults(certificate: dict[str, Any], model: Model, g: int, forms: list[tuple[int, Array]], x: Array) -> list[str]:
+def _form_faults(
+    certificate: dict[str, Any], model: Model, g: int, forms: list[tuple[int, Array]], x: Array
+) -> list[str]:
     row, members = model.groups[g]
     lo, hi = _domain(certificate, row, x)
     y0, found = float(row @ (x - model.x_ref)), []
@@ -235,7 +242,9 @@ def _refutation_faults(certificate: dict[str, Any], model: Model) -> list[str]:
         w = _numbers(witness["direction"])
         found += ["not marginal"] if np.abs(w @ model.A0).max() > 0 or not (w @ model.B).any() else []
         for f, a in zip(model.f, w @ model.A, strict=True):
-            found += ["restoring"] if (a * f.value(1e3 * far) < 2 * np.minimum(a * f.value(far), 0) - 1e-9).any() else []
+            found += (
+                ["restoring"] if (a * f.value(1e3 * far) < 2 * np.minimum(a * f.value(far), 0) - 1e-9).any() else []
+            )
     elif kind == "cooperative-growth":
         start = _numbers(witness["start"])
         found += ["F < 0 at the start"] if model.F(start, u).min() < 0 else []
@@ -243,6 +252,10 @@ def _refutation_faults(certificate: dict[str, Any], model: Model) -> list[str]:
     else:
         v, s0 = _numbers(witness["direction"]), _number(witness["offset"])
         F = model.F(model.x_ref + s0 * v, u)
-        found += ["the line bends"] if not math.isclose(abs(F @ v), np.linalg.norm(F) * np.linalg.norm(v), rel_tol=1e-9) else []
+        found += (
+            ["the line bends"]
+            if not math.isclose(abs(F @ v), np.linalg.norm(F) * np.linalg.norm(v), rel_tol=1e-9)
+            else []
+        )
         found += ["it returns"] if s0 * (F @ v) < 0 else []
     return found

@@ -26,10 +26,38 @@ def changes(value: Any) -> list[Any]:
     """Other values for one number."""
     if isinstance(value, str):
         number = float.fromhex(value)
-        others = [-number, 0.0, 2 * number, number / 2, number + 1, number - 1, number * 1.01, number * 0.9, number + 0.125]
-        others += [math.nextafter(number, math.inf), math.nextafter(number, -math.inf), -number / 2, 10 * number, number / 100]
+        others = [
+            -number,
+            0.0,
+            2 * number,
+            number / 2,
+            number + 1,
+            number - 1,
+            number * 1.01,
+            number * 0.9,
+            number + 0.125,
+        ]
+        others += [
+            math.nextafter(number, math.inf),
+            math.nextafter(number, -math.inf),
+            -number / 2,
+            10 * number,
+            number / 100,
+        ]
         return [text for other in others if (text := (other + 0.0).hex()) != value]
-    others = [value + 1, value - 1, -value, 0, 2 * value, value // 2, 10 * value, 3 * value, value + 7, value - 100, 1 - value]
+    others = [
+        value + 1,
+        value - 1,
+        -value,
+        0,
+        2 * value,
+        value // 2,
+        10 * value,
+        3 * value,
+        value + 7,
+        value - 100,
+        1 - value,
+    ]
     others += [value ^ bit for bit in (2, 4, 8, 64, 1024)] + [value + value // k for k in (3, 10, 100, -50, -1000)]
     return [other for other in dict.fromkeys(others) if other != value]
 

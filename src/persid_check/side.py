@@ -1,0 +1,211 @@
+"""One side s = +t or s = -t of a curve, t >= 0, and the proof that an expression in (t, G, D) is not negative there."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any, TypeVar
+
+from flint import fmpq
+
+from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
+from persid_check.expansion import CONSTANT, Expansion, Horizon
+from persid_check.expression import Program
+
+Curve = tuple[tuple[Program, Fraction], ...]
+Form = tuple[Fraction, ...]
+Domain = tuple[Fraction, Fraction] | None
+Shift = tuple[Fraction, Fraction] | None
+E = TypeVar("E", bound=Element)
+
+BUDGET = 3000  # evaluations on intervals for one side of one property
+FINEST = Fraction(1, 2**40)  # no interval is bisected below this part of the first one
+GERMS = tuple(Fraction(2) ** k for k in (3, 1, -1, -3, -6, -12, -24))
+TAILS = tuple(Fraction(2) ** k for k in (1, 2, 4, 6, 8, 12, 20))
+_ZERO, _ONE = Fraction(0), Fraction(1)
+
+
+@dataclass(frozen=True)
+class Side:
+    """G(t) = sign * l'phi(sign * t) for t >= 0, with the channels shifted by y* in the ball (center, radius)."""
+
+    curve: Curve
+    form: Form
+    sign: int
+    shift: Shift
+
+    def at(self, t: E, y: E) -> tuple[E, E]:
+        """Return G(t) and its derivative; `y` is y* as an element of the same kind."""
+        sign = t.constant(Fraction(self.sign))
+        G, D = t.constant(self.form[0]) * t, t.constant(self.form[0])
+        for l, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
+            scale, factor = t.constant(alpha), t.constant(l)
+            f, slope = value_and_slope(program, scale * (y + sign * t), scale)
+            G, D = G + factor * sign * self._change(f, program, scale * y), D + factor * slope
+        return G, D
+
+    def value_at(self, t: E, y: E) -> E:
+        """Return G(t) alone."""
+        sign = t.constant(Fraction(self.sign))
+        G = t.constant(self.form[0]) * t
+        for l, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
+            scale = t.constant(alpha)
+            f = value(program, scale * (y + sign * t))
+            G = G + t.constant(l) * sign * self._change(f, program, scale * y)
+        return G
+
+    def _change(self, f: E, program: Program, start: E) -> E:
+        return f if self.shift is None else f - value(program, start)
+
+    def on(self, t: Interval) -> tuple[Interval, Interval]:
+        """Return enclosures over an interval of t."""
+        center, radius = self.shift or (_ZERO, _ZERO)
+        return self.at(t, between(center - radius, center + radius))
+
+    def beyond(self, Y: Fraction, *, inverse: bool = False, slope: bool = False) -> tuple[Expansion, ...]:
+        """Return t, G (and D with `slope`) on [Y, infinity), or with `inverse` on (0, 1/Y], as expansions."""
+        horizon = Horizon(Y)
+        key = (fmpq(0), fmpq(-1 if inverse else 1), fmpq(0))
+        t = Expansion(horizon, [(key, fmpq(1))])
+        center, radius = self.shift or (_ZERO, _ZERO)
+        y = t.constant(center)
+        if radius:
+            y = Expansion(horizon, [(CONSTANT, between(center - radius, center + radius))])
+        return (t, *self.at(t, y)) if slope else (t, self.value_at(t, y))
+
+
+@dataclass(frozen=True)
+class Property:
+    """An expression in (t, G, D) that must not be negative.
+
+    Where it vanishes at t = 0 because G does, `origin` divides it by t: G / t is a mean of D, so an enclosure of D over
+    [0, h] stands for both. `slope` is the derivative of the expression where it is cheap.
+    """
+
+    expression: Callable[..., Element]
+    origin: Callable[[Interval], Interval] | None = None
+    slope: Callable[[Interval], Interval] | None = None
+    needs_slope: bool = True
+
+
+def scaled(element: Element, factor: Fraction) -> Element:
+    """Return factor * element."""
+    return element.constant(factor) * element
+
+
+SECTOR = Property(lambda t, G, D=None: G, lambda D: D, lambda D: D, needs_slope=False)
+MONOTONE = Property(lambda t, G, D: D)
+
+
+def as_interval(element: Element) -> Interval:
+    """Return an element that is an interval."""
+    if not isinstance(element, Interval):
+        raise TypeError("not an interval")
+    return element
+
+
+class Proof:
+    """The proof that a property's expression is >= 0 (or > 0 for t > 0) on [0, end], or on [0, infinity)."""
+
+    def __init__(self, side: Side, end: Fraction | None, wanted: Property, strict: bool) -> None:
+        self.side, self.end, self.wanted, self.strict = side, end, wanted, strict
+        self.budget = BUDGET
+
+    def run(self) -> bool:
+        try:
+            last = self.tail() if self.end is None else self.end
+            start = self._germ(last)
+        except DisprovedError:
+            return False
+        if last is None or (start is None and (self.wanted.origin is None or self.side.shift is None)):
+            return False
+        return self._between(start or _ZERO, last)
+
+    def _accepts(self, enclosed: Interval) -> bool:
+        return bool(enclosed.lo > 0 if self.strict else enclosed.lo >= 0)
+
+    def _sign_beyond(self, Y: Fraction, *, inverse: bool) -> bool:
+        """Whether the expansion proves the property; an expansion with the wrong sign ends the proof."""
+        try:
+            expression = self.wanted.expression(*self.side.beyond(Y, inverse=inverse, slope=self.wanted.needs_slope))
+            if not isinstance(expression, Expansion) or not expression.terms:
+                return not self.strict
+            relative = expression.relative()
+        except UndefinedError:
+            return False
+        if relative.hi < 0:
+            raise DisprovedError
+        return self._accepts(relative)
+
+    def tail(self) -> Fraction | None:
+        """The first Y tried such that the expansion proves the property on [Y, infinity)."""
+        return next((Y for Y in TAILS if self._sign_beyond(Y, inverse=False)), None)
+
+    def _germ(self, last: Fraction | None) -> Fraction | None:
+        """The length of an interval (0, h] on which the expansion at 0 proves the property."""
+        if self.side.shift is not None and self.side.shift[1] and self.wanted.origin is not None:
+            return None
+        tried = [h for h in GERMS if last is None or h < last]
+        whole = [] if last is None else [last]
+        return next((h for h in (*whole, *tried) if self._sign_beyond(1 / h, inverse=True)), None)
+
+    def _between(self, start: Fraction, last: Fraction) -> bool:
+        """Bisect [start, last]; the expression needs no proof at t = 0 itself."""
+        pieces = _powers(start, last)
+        least = (last - start) * FINEST
+        while pieces:
+            a, b = pieces.pop()
+            self.budget -= 1
+            verdict = self._piece(a, b)
+            if verdict is None:
+                if self.budget <= 0 or b - a <= least:
+                    return False
+                pieces += [((a + b) / 2, b), (a, (a + b) / 2)]
+            elif not verdict:
+                return False
+        return True
+
+    def _piece(self, a: Fraction, b: Fraction) -> bool | None:
+        """True: proved on [a, b]; False: disproved somewhere; None: neither."""
+        t = between(a, b)
+        try:
+            G, D = self.side.on(t)
+            if a == 0 and self.wanted.origin is not None:
+                return True if self._accepts(self.wanted.origin(D)) else None
+            enclosed = as_interval(self.wanted.expression(t, G, D))
+            if self._accepts(enclosed):
+                return True
+            if enclosed.hi < 0:
+                return False
+            return None if self.wanted.slope is None else self._by_slope(a, b, self.wanted.slope(D))
+        except UndefinedError:
+            return None
+
+    def _by_slope(self, a: Fraction, b: Fraction, slope: Interval) -> bool | None:
+        """Where the expression is monotone its lower end decides; else the mean value theorem about the middle."""
+        if slope.lo >= 0 or slope.hi <= 0:
+            enclosed = self._at(a if slope.lo >= 0 else b)
+        else:
+            half = (b - a) / 2
+            enclosed = self._at((a + b) / 2) + slope * between(-half, half)
+        if self._accepts(enclosed):
+            return True
+        return False if enclosed.hi < 0 else None
+
+    def _at(self, t: Fraction) -> Interval:
+        point = constant(t)
+        return as_interval(self.wanted.expression(point, *self.side.on(point)))
+
+
+class DisprovedError(Exception):
+    """The property is false."""
+
+
+def _powers(start: Fraction, last: Fraction) -> list[tuple[Fraction, Fraction]]:
+    """Intervals from start to last, cut at powers of two where kinks like to be; the first one is last in the list."""
+    if start >= last:
+        return []
+    cuts = [start, *(c for k in range(-24, 22) if start < (c := Fraction(2) ** k) < last), last]
+    if start == 0:
+        cuts = [c for c in cuts if c == 0 or c >= min(last, Fraction(1, 4))]
+    return list(pairwise(cuts))[::-1]
