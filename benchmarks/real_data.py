@@ -44,9 +44,8 @@ def line(name: str, data: Trajectories, **options: Any) -> None:
     fit = PersidskiiIdentifier(**options).fit(data)
     seconds, score = time.perf_counter() - start, fit.report_.free_run
     states = ", ".join(f"{s} {r:.3f}" for s, r in zip(fit.model_.states, score.r2_states, strict=True))
-    print(
-        f"{name:<34} ridge {fit.ridge_:.1e}  RMSE {score.rmse:.4f}  R2 {states}  blow-ups {score.blow_ups}  {seconds:.1f} s"
-    )
+    figures = f"ridge {fit.ridge_:.1e}  RMSE {score.rmse:.4f}  R2 {states}  blow-ups {score.blow_ups}"
+    print(f"{name:<34} {figures}  {seconds:.1f} s")
 
 
 def main(folder: Path) -> None:

@@ -1,9 +1,9 @@
-"""The paper's traffic study: free-run errors of every estimator under the four disturbances, beside the paper's figures.
+"""The paper's traffic study: free-run errors of every estimator under four disturbances, beside the paper's figures.
 
     x' = A x + B u + (sin x1, cos x2) + d,   x(0) = (1, 3),   u = sin t,   1000 samples on [0, 30] s
 
-Every model is fitted to the disturbed data and runs freely from (1, 3) without d. "far" counts the blow-ups of free runs
-from 8 far initial states, over 30 s. Functions x, x**3, sinh, tanh, input and constant.
+Every model is fitted to the disturbed data and runs freely from (1, 3) without d. "far" counts the blow-ups of free
+runs from 8 far initial states, over 30 s. Functions x, x**3, sinh, tanh, input and constant.
 
     python benchmarks/traffic.py
 """

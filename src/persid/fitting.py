@@ -10,7 +10,7 @@ from numpy import ndarray
 from persid.basis import Basis
 from persid.derivatives import derivative_rows
 from persid.gram import ILL_CONDITIONED, Gram, Rows, accumulate, condition_number, with_root
-from persid.koopman import Lifting, edmd, gamma, koopman_generator, sample_step
+from persid.koopman import Lifting, doubtful_eigenvalues, edmd, gamma, koopman_generator, sample_step
 from persid.structure import Structure
 from persid.trajectories import Trajectories
 from persid.validation import Curve, Part
@@ -64,7 +64,8 @@ def koopman_rows(
     """Rows whose left sides are the vector field that the generator of the given parts implies at every sample."""
     used = Trajectories(tuple(data[p.run][p.start : p.stop] for p in parts), data.states, data.inputs)
     K = edmd(used, lifting, hold)
-    L = koopman_generator(K, sample_step(data), samples=used.samples - len(used), hold=hold)
+    doubtful = doubtful_eigenvalues(used, lifting, K, hold)
+    L = koopman_generator(K, sample_step(data), samples=used.samples - len(used), hold=hold, doubtful=doubtful)
     n = len(basis.states)
     theta = None
     if reading == "literal":

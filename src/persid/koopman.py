@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.linalg import logm, qr
+from scipy.linalg import eig, logm, qr
 
 from persid.basis import Basis
 from persid.errors import DataError, GeneratorError
@@ -20,6 +20,7 @@ from persid.trajectories import Trajectories, Trajectory
 
 EQUAL_STEPS = 1e-3  # relative spread of the steps up to which a run counts as sampled at equal steps
 SAMPLING_ERROR = 10.0  # with regressed inputs an eigenvalue below this / sqrt(samples) cannot be told from 0
+SURE = 0.5  # an eigenvalue above this is told from 0 by any data
 ALIASING = 0.9  # of half a circle per sample
 VANISHING = 1e-12  # relative to the largest eigenvalue
 
@@ -153,19 +154,54 @@ def _edmd_by_qr(data: Trajectories, lifting: Lifting, hold: str, d: ndarray) -> 
     return (Vt.T / s @ U.T @ root[:, size:]) / d[:, None]  # type: ignore[index]
 
 
+def doubtful_eigenvalues(
+    data: Trajectories, lifting: Lifting, K: Float[ndarray, "l l"], hold: str = "zoh"
+) -> tuple[complex, ...]:
+    """Return the eigenvalues of K that their sampling error does not tell from 0 (3 standard deviations).
+
+    With K v = k v, w'K = k w' and the residual r = psi_next v - k psi v, first-order perturbation of
+    K = pinv(Psi) Psi_next gives var k = (w' (Psi'Psi)^-1 w) mean|r|^2 / |w'v|^2.
+    """
+    values, left, right = eig(K, left=True)
+    small = np.flatnonzero(np.abs(values) < SURE)
+    if not len(small):
+        return ()
+    M, residual, total, (w, v) = np.zeros(K.shape), np.zeros(len(small)), 0, (left[:, small], right[:, small])
+    moving = lifting.size - 1 - (len(lifting.basis.inputs) if hold == "zoh" else 0)
+    for run in data:
+        for psi, after in snapshot_pairs(run, lifting, hold):
+            r = after @ v[:moving] + psi[:, moving:] @ v[moving:] - (psi @ v) * values[small]
+            M += psi.T @ psi
+            residual += (np.abs(r) ** 2).sum(axis=0)
+            total += len(psi)
+    d = np.sqrt(np.diag(M))
+    spread = np.linalg.solve(M / np.outer(d, d), w / d[:, None])
+    variance = (w.conj() / d[:, None] * spread).sum(axis=0).real * residual / total
+    error = np.sqrt(np.maximum(variance, 0)) / np.abs((w.conj() * v).sum(axis=0))
+    return tuple(complex(values[k]) for k, e in zip(small, error, strict=True) if np.abs(values[k]) < 3 * e)
+
+
 def koopman_generator(
-    K: Float[ndarray, "l l"], dt: float, *, samples: int | None = None, hold: str = "zoh"
+    K: Float[ndarray, "l l"],
+    dt: float,
+    *,
+    samples: int | None = None,
+    hold: str = "zoh",
+    doubtful: tuple[complex, ...] = (),
 ) -> Float[ndarray, "l l"]:
     """Return L = log(K)/dt in 1/s, or refuse where K has no trustworthy real logarithm.
 
     Paper: eq:log_K (Sec. 2.2). `samples` is the number of pairs behind K; with hold="paper" the rows of the inputs are
-    regressed, and an eigenvalue below 10/sqrt(samples) cannot be told from 0.
+    regressed, and an eigenvalue below 10/sqrt(samples) cannot be told from 0; neither can those that are `doubtful`.
 
     Raises:
         GeneratorError: an eigenvalue is zero, negative, not to be told from that, or turns near half a circle a sample.
     """
     values = np.linalg.eigvals(K).astype(complex)
     limit = SAMPLING_ERROR / np.sqrt(samples) if hold == "paper" and samples else 0.0
+    if doubtful:
+        worst = min(doubtful, key=abs)
+        raise GeneratorError(_refusal(f"the eigenvalue {_show(worst)} cannot be told from 0 by these data", values, dt))
     _diagnose(values, max(limit, VANISHING * float(np.abs(values).max())), dt)
     L = logm(K)
     if np.iscomplexobj(L):
