@@ -10,10 +10,13 @@ if TYPE_CHECKING:
     from persid.certificate import Certificate as Certificate
     from persid.certificate import load_certificate as load_certificate
     from persid.certify import Certified as Certified
+    from persid.certify import Refuted as Refuted
     from persid.certify import Undecided as Undecided
     from persid.certify import certify as certify
     from persid.checking import check as check
     from persid.equations import equations as equations
+    from persid.equilibrium import OperatingPoint as OperatingPoint
+    from persid.equilibrium import find_operating_point as find_operating_point
     from persid.errors import DataError as DataError
     from persid.errors import GeneratorError as GeneratorError
     from persid.errors import ModelError as ModelError
@@ -26,20 +29,23 @@ if TYPE_CHECKING:
     from persid.readers import read_parquet as read_parquet
     from persid.trajectories import Trajectories as Trajectories
     from persid.trajectories import Trajectory as Trajectory
+    from persid.witness import Witness as Witness
     from persid_check import Accepted as Accepted
     from persid_check import Malformed as Malformed
     from persid_check import Rejected as Rejected
 
 _HOMES = {
     "persid.certificate": ("Certificate", "load_certificate"),
-    "persid.certify": ("Certified", "Undecided", "certify"),
+    "persid.certify": ("Certified", "Refuted", "Undecided", "certify"),
     "persid.checking": ("check",),
     "persid.equations": ("equations",),
+    "persid.equilibrium": ("OperatingPoint", "find_operating_point"),
     "persid.errors": ("DataError", "GeneratorError", "ModelError", "PersidError", "UnderdeterminedError"),
     "persid.identify": ("PersidskiiIdentifier",),
     "persid.model": ("PersidskiiModel", "load_model"),
     "persid.readers": ("read_csv", "read_parquet"),
     "persid.trajectories": ("Trajectories", "Trajectory"),
+    "persid.witness": ("Witness",),
     "persid_check": ("Accepted", "Malformed", "Rejected"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
@@ -52,18 +58,22 @@ __all__ = [
     "GeneratorError",
     "Malformed",
     "ModelError",
+    "OperatingPoint",
     "PersidError",
     "PersidskiiIdentifier",
     "PersidskiiModel",
+    "Refuted",
     "Rejected",
     "Trajectories",
     "Trajectory",
     "Undecided",
     "UnderdeterminedError",
+    "Witness",
     "__version__",
     "certify",
     "check",
     "equations",
+    "find_operating_point",
     "load_certificate",
     "load_model",
     "plots",

@@ -67,8 +67,8 @@ def persid(ctx: click.Context, version: bool) -> int:
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
-    data: tuple[Path, ...], functions: Any, ridge: Any, time_limit: float, output: Path, as_json: bool, quiet: bool,
-    **how: Any,
+    data: tuple[Path, ...], functions: Any, ridge: Any, operating_point: Any, u_op: Any, domain: str, time_limit: float,
+    output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -91,7 +91,8 @@ def run(
         measured = folder.read_measurements(data, **how)
         progress("identifying the model")
         fit = _identify(measured, functions, ridge)
-        verdict = _uninterrupted(certify(fit.model_, time_limit=time_limit, progress=progress))
+        question = _question(operating_point, u_op, domain, time_limit)
+        verdict = _uninterrupted(certify(fit.model_, progress=progress, **question))
         record = folder.Record(_command(), folder.sources(data), how, fit.report_, verdict.attempts, folder.versions())
         progress("drawing the report")
         proof = _deliver(output, folder.Results(fit.model_, verdict, measured, record))
@@ -145,7 +146,10 @@ def identify(
 )
 @proving
 @talking
-def certify(models: tuple[Path, ...], output: Path, time_limit: float, as_json: bool, quiet: bool) -> int:
+def certify(
+    models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
+    as_json: bool, quiet: bool,
+) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
     A file is written only when the checker has accepted it; a certificate of another model under that name is removed.
@@ -160,18 +164,18 @@ def certify(models: tuple[Path, ...], output: Path, time_limit: float, as_json: 
 
     talk = Talk(as_json, quiet)
     targets = _targets(models, output)
+    question = _question(operating_point, u_op, domain, time_limit)
     subjects = [_load_model(path) for path in models]
     for target in targets:
         _writable(target)
     found, rows, codes = [], [], []
     with talk.progress() as progress:
         for path, model, target in zip(models, subjects, targets, strict=True):
-            verdict = _uninterrupted(decide(model, time_limit=time_limit, progress=progress))
+            verdict = _uninterrupted(decide(model, progress=progress, **question))
             brief = summarize(verdict)
             written = _write_proof(verdict, model, target)
-            found.append({"model": str(path), **brief.to_dict(), "certificate": written})
-            rows += [("model", str(path)), *_verdict_rows(verdict)]
-            rows += [("certificate", written or "none")]
+            found.append({"model": str(path), **brief.to_dict(), "file": written})
+            rows += [("model", str(path)), *_verdict_rows(verdict), ("file", written or "none written")]
             codes.append(EXIT[brief.verdict])
     talk.result(found[0] if len(found) == 1 else {"models": found}, rows)
     return next((code for code in (REFUTED, UNDECIDED) if code in codes), DONE)
@@ -259,6 +263,12 @@ def report(folder: Path, as_json: bool, quiet: bool) -> int:
             write_report(results, stage)
     talk.result({"report": str(folder / REPORT)}, [*_verdict_rows(results.verdict), ("report", str(folder / REPORT))])
     return DONE
+
+
+def _question(operating_point: Any, u_op: Any, domain: str, time_limit: float) -> dict[str, Any]:
+    """Return the arguments of `persid.certify`."""
+    point = "auto" if operating_point is None else operating_point
+    return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit}
 
 
 def _identify(measured: "Trajectories", functions: Any, ridge: Any) -> Any:

@@ -14,8 +14,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import persid_check
 from persid.certificate import Certificate, RoundingError, load_certificate
-from persid.certify import Attempt, Certified, Reason, Undecided
+from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
 from persid.diagnostics import Excitation, FitReport
 from persid.errors import PersidError
 from persid.files import write_atomically
@@ -24,6 +25,7 @@ from persid.model import PersidskiiModel, load_model
 from persid.readers import read_csv, read_parquet
 from persid.trajectories import Trajectories
 from persid.validation import Curve
+from persid.witness import Witness
 
 MODEL, RECORD, REPORT, FIGURES = "model.json", "run.json", "report.html", "figures"
 CERTIFICATE, WITNESS, OBSTRUCTION = "certificate.json", "witness.json", "obstruction.json"
@@ -132,6 +134,8 @@ def write_verdict(folder: Path, verdict: Any, model: PersidskiiModel) -> str:
     if isinstance(verdict, Undecided):
         write_atomically(folder / OBSTRUCTION, _json(_obstruction(verdict, model)))
         return OBSTRUCTION
+    if not isinstance(verdict, Refuted):
+        raise FolderError(f"{verdict!r} is no verdict")
     verdict.witness.save(folder / WITNESS)
     return WITNESS
 
@@ -187,8 +191,11 @@ def read_results(folder: Path) -> Results:
 def _read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt, ...]) -> Any:
     if (folder / CERTIFICATE).is_file():
         return Certified(_certificate(folder / CERTIFICATE, model), attempts)
+    if (folder / WITNESS).is_file():
+        return Refuted(_witness(folder / WITNESS, model), attempts)
     if not (folder / OBSTRUCTION).is_file():
-        raise FolderError(f"{folder}: neither {CERTIFICATE} nor {OBSTRUCTION} is there; run persid run again")
+        files = f"{CERTIFICATE}, {WITNESS} and {OBSTRUCTION}"
+        raise FolderError(f"{folder}: none of {files} is there; run persid run again")
     content = _read_object(folder / OBSTRUCTION, OBSTRUCTION_FORMAT)
     if content.get("model_sha256") != model.sha256:
         raise FolderError(f"{folder}: {OBSTRUCTION} speaks of another model than {MODEL}; run persid run again")
@@ -206,6 +213,17 @@ def _certificate(path: Path, model: PersidskiiModel) -> Certificate:
     if certificate.content["model_sha256"] != model.sha256:
         raise FolderError(f"{path}: it speaks of another model than {MODEL}; run persid run again")
     return certificate
+
+
+def _witness(path: Path, model: PersidskiiModel) -> Witness:
+    data = path.read_bytes()
+    answer = persid_check.check(data)
+    if not isinstance(answer, persid_check.Accepted) or answer.claim != "refuted":
+        raise FolderError(f"{path}: the checker does not accept it as a witness: {answer}")
+    content = json.loads(data)
+    if content["model_sha256"] != model.sha256:
+        raise FolderError(f"{path}: it speaks of another model than {MODEL}; run persid run again")
+    return Witness(data, content["witness"]["kind"], content["statement"], answer.statement, answer.steps)
 
 
 def _read_record(path: Path) -> Record:

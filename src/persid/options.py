@@ -94,9 +94,15 @@ fitting = together(
                  help="Strength of the ridge on scaled columns; auto chooses it by validation. More ridge is easier "
                       "to certify and fits less well."),
 )  # fmt: skip
-proving = click.option(
-    "--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True, help="Seconds for each verdict."
-)
+proving = together(
+    click.option("--operating-point", type=Numbers(),
+                 help="State near the equilibrium that is meant; by default the one nearest to x_ref."),
+    click.option("--u-op", type=Numbers(), help="Nominal constant input; by default u_ref."),
+    click.option("--domain", type=click.Choice(["global", "data"]), default="global", show_default=True,
+                 help="Ask for all states first, or for a region in the box of the data only."),
+    click.option("--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True,
+                 help="Seconds for each verdict."),
+)  # fmt: skip
 simulating = together(
     click.option("--x0", type=Numbers(), required=True, help="Initial state, such as 1,3."),
     click.option("--input", "signals", multiple=True, metavar="EXPRESSION",

@@ -27,6 +27,7 @@ MEASURED, MODEL, LEVEL, FIELD, FORM = "#0072b2", "#d55e00", "#009e73", "#888888"
 POINTS = 1200  # a longer curve is drawn by its extremes in so many intervals
 GRID = 81  # points a side on which V is evaluated
 ARROWS = 17
+MOST_LEVELS = 25
 
 
 def free_run(ax: Axes, measured: Trajectory, found: Trajectory, state: int, name: str = "x") -> Axes:
@@ -58,7 +59,7 @@ def residuals(ax: Axes, t: Float[ndarray, " N"], residual: Float[ndarray, " N"],
     ax.plot(*_thin(t, residual), color=MEASURED, lw=0.8)
     ax.set_ylim(*_limits(residual))
     ax.set_xlabel("t in s")
-    ax.set_ylabel(f"residual of {plain(name)}")
+    ax.set_ylabel(plain(name))
     return _tidy(ax)
 
 
@@ -79,9 +80,9 @@ def validation_curve(ax: Axes, curve: Curve, chosen: float | None = None) -> Axe
 def vector_field(ax: Axes, model: PersidskiiModel, box: Any = None, states: Sequence[int] = (0, 1)) -> Axes:
     """Draw the direction of x' for u = u_ref over two states, the others at x_ref; colour does not tell its size."""
     X, Y, points = _mesh(_box(model, box), states, ARROWS, model.x_ref, inset=0.5 / ARROWS)
-    dot = model.rhs(points)[:, list(states)]
-    size = np.linalg.norm(dot / _width(_box(model, box), states), axis=1)
     with np.errstate(all="ignore"):
+        dot = model.rhs(points)[:, list(states)]
+        size = np.linalg.norm(dot / _width(_box(model, box), states), axis=1)
         arrow = np.nan_to_num(dot / np.where(size > 0, size, 1.0)[:, None])
     ax.quiver(X, Y, arrow[:, 0].reshape(X.shape), arrow[:, 1].reshape(X.shape), color=FIELD, angles="xy", pivot="mid",
               width=0.0022, zorder=1)  # fmt: skip
@@ -119,7 +120,8 @@ def level_sets(
     box = _box(model, certified if box is None and region else box, point)
     phase_portrait(ax, model, box, states, runs)
     X, Y, points = _mesh(box, states, GRID, point)
-    V = certificate.V(points).reshape(X.shape)
+    with np.errstate(all="ignore"):
+        V = np.nan_to_num(certificate.V(points), nan=0.0, posinf=1e300).reshape(X.shape)
     ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=0.8 if region else 1.3, zorder=2)
     if region:
         ax.contour(X, Y, V, levels=[value(region["level"])], colors=LEVEL, linewidths=3, zorder=2)
@@ -143,6 +145,7 @@ def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
     ax.fill_between(y, 0, np.sign(y) * 1.08, color=LEVEL, alpha=0.1, lw=0)
     ax.set_xlim(low, high)
     ax.set_ylim(-1.08, 1.08)
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel("y")
     ax.set_ylabel("each scaled to 1")
     ax.legend(frameon=False, loc="upper left", fontsize="small")
@@ -287,10 +290,10 @@ def _mesh(
 
 
 def _levels(V: ndarray) -> ndarray:
-    """Levels whose sets grow evenly: squares of equal steps up to the largest set that the box holds, and beyond."""
-    inside = min(V[0].min(), V[-1].min(), V[:, 0].min(), V[:, -1].min())
-    top = np.sqrt(max(float(inside), 1e-300))
-    return (top * np.arange(1, 13) / 5) ** 2
+    """Levels whose sets grow by equal steps: five within the largest set that the box holds, and more until V's top."""
+    inside, top = np.sqrt(np.maximum([min(V[0].min(), V[-1].min(), V[:, 0].min(), V[:, -1].min()), V.max()], 1e-300))
+    step = max(inside / 5, top / MOST_LEVELS)
+    return (step * np.arange(1, int(top / step) + 1)) ** 2
 
 
 def _top(curve: ndarray) -> float:

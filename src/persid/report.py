@@ -19,10 +19,10 @@ from numpy import ndarray
 
 from persid import plots
 from persid.certificate import Certificate
-from persid.certify import Certified
+from persid.certify import Certified, Refuted
 from persid.equations import equations
 from persid.files import write_atomically
-from persid.folder import CERTIFICATE, FIGURES, MODEL, REPORT, Results
+from persid.folder import CERTIFICATE, FIGURES, MODEL, REPORT, WITNESS, Results
 from persid.freerun import one_step, score
 from persid.model import PersidskiiModel
 from persid.summary import headline, limits, summarize
@@ -99,6 +99,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
     template = _environment().get_template("report.html.jinja")
     model, verdict = results.model, results.verdict
     certificate = verdict.certificate if isinstance(verdict, Certified) else None
+    proof = verdict.witness if isinstance(verdict, Refuted) else certificate
     return template.render(
         model=model,
         verdict=verdict,
@@ -106,8 +107,9 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
         headline=headline(verdict, model),
         limits=limits(verdict, model),
         certificate=certificate,
-        certificate_sha256=hashlib.sha256(certificate.data).hexdigest() if certificate else None,
-        files={"model": MODEL, "certificate": CERTIFICATE},
+        proof=proof,
+        proof_sha256=hashlib.sha256(proof.data).hexdigest() if proof else None,
+        files={"model": MODEL, "proof": CERTIFICATE if certificate else WITNESS},
         equations=_equations(model),
         coefficients=_coefficients(model),
         data=results.data,
@@ -228,9 +230,10 @@ def _free_run(model: PersidskiiModel, run: FreeRun) -> Drawing:
     figure.legend(handles, labels, loc="outside upper right", ncols=2, frameon=False)
     gone = run.found.diverged_at
     end = f"It blows up at t = {gone:.4g} s (marked)." if gone is not None else "It does not blow up."
+    rows = f" (the first {SAMPLES} samples)" if len(run.measured) == SAMPLES else ""
     caption = (
-        f"Run {run.number}: measured (blue, solid) and the model's free run (red, dashed), which knows only the first "
-        f"sample and the inputs. {end} RMSE {_number(run.rmse)}, R² {_number(run.r2)} (mean over states)."
+        f"Run {run.number}{rows}: measured (blue, solid) and the model's free run (red, dashed), which knows only the "
+        f"first sample and the inputs. {end} RMSE {_number(run.rmse)}, R² {_number(run.r2)} (mean over states)."
     )
     alt = f"Curves over time of {len(shown)} states, measured and simulated, run {run.number}. {end}"
     return Drawing(f"free-run-{run.number}", figure, alt, caption)

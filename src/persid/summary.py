@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from persid.certificate import Certificate, value
-from persid.certify import Certified
+from persid.certify import Certified, Refuted
 from persid.model import PersidskiiModel
 
 NO_PLANT = (
@@ -59,18 +59,32 @@ def headline(verdict: Any, model: PersidskiiModel) -> str:
         return f"{type(verdict).__name__}: {summarize(verdict).reason}"
     if verdict.certificate.scope == "regional":
         return (
-            "Certified: in a region around its operating point the model is input-to-state stable; from every start "
-            "inside it, small enough inputs keep the state inside it, and it forgets where it started."
+            "Certified: the model is input-to-state stable in a region around its operating point; from every start "
+            "inside it and for small enough inputs the state stays inside, in the long run within a distance of the "
+            "operating point that the inputs alone decide."
         )
-    inputs = " and for every bounded input" if model.m else ""
+    if not model.m and not _counts_b(verdict.certificate, model):
+        return "Certified: the model is globally stable; from every initial state it goes to its operating point."
     return (
-        f"Certified: the model is input-to-state stable, globally; from every initial state{inputs} its state stays "
-        "bounded and forgets where it started."
+        "Certified: the model is input-to-state stable, globally; from every initial state and for every bounded input "
+        "its state stays bounded, in the long run within a distance of the operating point that the inputs alone "
+        "decide."
     )
+
+
+def _counts_b(certificate: Certificate, model: PersidskiiModel) -> bool:
+    """Whether the constant b is one of the inputs of the claim."""
+    return certificate.content["operating_point"] is None and bool(model.b.any())
 
 
 def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
     """Return what a verdict does not claim, one sentence each."""
+    if isinstance(verdict, Refuted):
+        return (
+            "It refutes the model as a whole: around another equilibrium, or in a region, it may still be stable, and "
+            "another fit to the same measurements may be stable too.",
+            NO_PLANT,
+        )
     if not isinstance(verdict, Certified):
         return (
             "Undecided is not unstable: neither a proof nor a counterexample was found, and another fit, more time or "
@@ -78,7 +92,7 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
             NO_PLANT,
         )
     found = [NO_PLANT]
-    if verdict.certificate.content["operating_point"] is None and model.b.any():
+    if _counts_b(verdict.certificate, model):
         found.append(
             "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "
             "stays within a distance of x_ref that depends on b and on u - u_ref."

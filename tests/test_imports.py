@@ -1,0 +1,135 @@
+"""Imports: they go one way, the checker stands alone, and `import persid` costs nothing."""
+
+import ast
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import persid as ps
+
+SOURCE = Path(ps.__file__).parent
+CHECKER = SOURCE.parent / "persid_check"
+
+# A module may import what stands before it; modules of one line do not import each other.
+ORDER = """
+errors files
+functions trajectories
+readers integrate
+model
+equations basis
+structure freerun
+gram
+derivatives weak koopman validation refine
+fitting diagnostics
+identify
+baselines
+bounds
+certificate
+sector equilibrium
+lmi integrals interior_point
+search proof witness
+setting rates
+certify
+checking summary folder
+plots
+report
+talk options signals
+cli
+"""
+DEFERRED = {("trajectories", "readers")}  # Trajectories.from_dataframe asks the reader, when it is called
+OUTSIDE = {"__init__", "__main__"}
+
+
+def imported(path: Path, package: str) -> set[str]:
+    """Return the modules of a package that a file imports, anywhere but under TYPE_CHECKING."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    hidden = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
+    found = set()
+    for node in ast.walk(tree):
+        if id(node) in hidden:
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found |= (
+                {f"{node.module}.{alias.name}" for alias in node.names} if node.module == package else {node.module}
+            )
+    return {name.split(".")[1] if "." in name else name for name in found if name.split(".")[0] == package}
+
+
+def roots(path: Path) -> set[str]:
+    """Return the names of the packages that a file imports."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return {name.split(".")[0] for name in plain | {n.module for n in nodes if isinstance(n, ast.ImportFrom)} if name}
+
+
+def test_order_names_every_module() -> None:
+    """Every module of persid has its place in the order of imports."""
+    modules = {path.stem for path in SOURCE.glob("*.py")} - OUTSIDE
+    assert modules == set(ORDER.split())
+
+
+def test_imports_go_one_way() -> None:
+    """No module imports one that stands beside or after it."""
+    rank = {name: k for k, line in enumerate(ORDER.strip().splitlines()) for name in line.split()}
+    wrong = {
+        (name, other)
+        for name in rank
+        for other in imported(SOURCE / f"{name}.py", "persid") - {"persid"}
+        if rank.get(other, 99) >= rank[name]
+    }
+    assert wrong <= DEFERRED
+
+
+def test_checker_stands_alone() -> None:
+    """The checker imports the standard library and python-flint, nothing else."""
+    found = {name for path in CHECKER.glob("*.py") for name in roots(path)}
+    assert found - set(sys.stdlib_module_names) == {"flint", "persid_check"}
+
+
+def test_import_is_light() -> None:
+    """Importing persid takes well under half a second and loads neither NumPy, SciPy, pandas nor matplotlib."""
+    code = (
+        "import sys, time; t = time.perf_counter(); import persid; s = time.perf_counter() - t;"
+        "heavy = {'numpy', 'scipy', 'pandas', 'matplotlib', 'sklearn', 'click'} & set(sys.modules);"
+        "print(heavy or ''); sys.exit(s > 0.5)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=SOURCE.parent, check=False)
+    assert (done.stdout.strip(), done.returncode) == ("", 0)
+
+
+def test_command_line_starts_without_the_mathematics() -> None:
+    """Help texts appear without loading NumPy."""
+    code = "import sys, persid.cli; sys.exit(persid.cli.main(['--help']) or 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=SOURCE.parent, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "identify" in done.stdout
+
+
+@pytest.mark.parametrize("name", ps.__all__)
+def test_public_names_exist(name: str) -> None:
+    """Every public name can be had, and is listed."""
+    assert getattr(ps, name) is not None
+    assert name in dir(ps)
+
+
+def test_unknown_names_are_refused() -> None:
+    """A name that persid does not have is an AttributeError that says so."""
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = ps.nonsense
+
+
+@pytest.mark.parametrize("name", ["certify", "equations"])
+def test_functions_win_over_modules_of_their_name(name: str) -> None:
+    """ps.certify is the function, though a module of that name has been imported."""
+    import_module(f"persid.{name}")
+    assert callable(getattr(ps, name))
