@@ -1,4 +1,5 @@
-"""Time of the checker on large certificates: `python benchmarks/checker.py`. Targets: size 400 in 3 s, size 1000 in 20 s.
+# ruff: noqa: E741 (l is the letter of the mathematics)
+"""Time of the checker: `python benchmarks/checker.py`. Targets: size 400 in 3 s, size 1000 in 20 s.
 
 The producer here (NumPy) writes a certificate for a diagonally dominant model with three functions a state; only the
 checker is timed. Its file holds everything, so reading and proving the forms are part of the time.

@@ -10,8 +10,7 @@ import pytest
 
 from checker import named
 from checker.falsehoods import FALSEHOODS
-from checker.maker import data, make, model
-from checker.maker import Wanted
+from checker.maker import Wanted, data, make, model
 from persid_check import Accepted, Rejected, check, model_sha256
 
 SOURCES = Path(__file__).parent.parent / "src"
@@ -41,7 +40,7 @@ def test_there_are_at_least_sixty_kinds_of_falsehood() -> None:
 
 
 def test_certified_at_one_input_is_not_certified_at_every_input() -> None:
-    """x' = -(x^3 - 3 x^2 + 2.5 x) + u is certified at u* = 0, and not about every equilibrium: at 0.55 there are three."""
+    """x' = -(x^3 - 3 x^2 + 2.5 x) + u is certified at u* = 0 only: at u = 0.55 there are three equilibria."""
     cubic = model([("x**3-3*x**2+2.5*x", None, [[-1]])])
     result = check(data(make(Wanted(cubic, [[(1, 0), (0, 1), (Fraction(-3, 16), 1)]]))))
     assert isinstance(result, Accepted), result

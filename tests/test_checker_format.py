@@ -38,7 +38,7 @@ def test_canonical_form_is_a_fixed_point_and_hashes_alike() -> None:
 
 
 def test_what_is_no_part_of_the_mathematics_does_not_change_the_hash() -> None:
-    """Provenance, minus zero, null for zero and one text for equal functions leave the hash alone; a last bit does not."""
+    """Provenance, minus zero, null for zero, one text for equal functions leave the hash; a last bit does not."""
     same = copy.deepcopy(PLAIN) | {"provenance": {"seed": 1}, "x_ref": [0, -0.0], "b": [0, 0]}
     same["terms"][0]["f"] = ["tanh(x)"]
     assert model_sha256(same) == model_sha256(PLAIN)
@@ -162,9 +162,35 @@ def test_overwritten_bytes_never_crash_the_checker(name: str, seed: int, patch: 
     assert isinstance(check(bytes(content)), RESULTS)
 
 
-_TOKENS = (
-    "x 1 2.5 .5 1e3 1e999 + - * / ** ( ) sin tanh sqrt softsign relu abs erf y __import__ , ; 'a' \u0663 \n".split(" ")
-)
+_TOKENS = [
+    "x",
+    "1",
+    "2.5",
+    ".5",
+    "1e3",
+    "1e999",
+    "+",
+    "-",
+    "*",
+    "/",
+    "**",
+    "(",
+    ")",
+    "sin",
+    "tanh",
+    "sqrt",
+    "softsign",
+    "relu",
+    "abs",
+    "erf",
+    "y",
+    "__import__",
+    ",",
+    ";",
+    "'a'",
+    "٣",
+    "\n",
+]
 
 
 @settings(max_examples=500, deadline=None)
@@ -202,9 +228,9 @@ def _claim(form: dict) -> dict:
 def test_long_texts_are_answered(text: str) -> None:
     """Texts made to be hard for a parser are answered at once."""
     try:
-        parse(text)
-    except ExpressionError as error:
-        assert str(error)
+        assert parse(text)
+    except ExpressionError:
+        return
 
 
 def test_nesting_and_quotes_are_read_in_linear_time() -> None:
@@ -223,7 +249,7 @@ def test_atheris_finds_no_crash() -> None:
 
     code = (
         "import atheris, sys\nwith atheris.instrument_imports(): import persid_check\n"
-        "def one(data):\n    if isinstance(persid_check.check(data), persid_check.Accepted): raise SystemError('accepted')\n"
+        "def one(data):\n    if persid_check.check(data).__class__.__name__ == 'Accepted': raise SystemError\n"
         "atheris.Setup(sys.argv, one)\natheris.Fuzz()\n"
     )
     assert subprocess.run([sys.executable, "-c", code, "-runs=100000"], timeout=600).returncode == 0

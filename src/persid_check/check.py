@@ -18,7 +18,7 @@ Source = bytes | str | Path
 
 
 def check(source: Source, model: Source | None = None, explain: bool = True) -> Result:
-    """Check a certificate: bytes, or the path of a file; with `model`, its hash must be that of the certificate's model.
+    """Check a certificate: bytes, or the path of a file; with `model`, it must be the certificate's model.
 
     Never raises for what a file holds. `explain` fills in the steps of an accepted proof.
 

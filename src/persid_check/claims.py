@@ -32,7 +32,7 @@ from persid_check.results import NotProvedError
 
 @dataclass(frozen=True)
 class Setting:
-    """One group as the prover sees it: the curve phi_g, the domain r_g'X (None is R) and the ball of r_g'(x* - x_ref)."""
+    """One group as the prover sees it: the curve phi_g, the domain r_g'X (None: R), the ball of r_g'(x* - x_ref)."""
 
     index: int
     group: Group
@@ -140,7 +140,7 @@ def _lower_constant(setting: Setting, k: int, where: str) -> None:
 
 
 def _dropped(claim: Stability, matrices: Inequality) -> None:
-    """An entry of z is dropped only where nothing touches it: no column of G, no row of P, no form, no row of E or S."""
+    """An entry of z is dropped only where nothing touches it: no column of G, row of P, form, row of E or S."""
     n = claim.subject.model.n
     if claim.subject.claim != "M" and any(entry < n for entry in claim.dropped):
         raise NotProvedError("dropped", "a state is dropped; only claim M may do so")
@@ -212,7 +212,7 @@ def _block(claim: Stability, matrices: Inequality, kept: list[int]) -> None:
 
 
 def _span(claim: Stability, settings: list[Setting]) -> list[Setting]:
-    """Kept states and rows of channels with the properties of claim M span the state space; return the groups needed."""
+    """Kept states and rows of channels with claim M's properties span the state space; return their groups."""
     n, dropped = claim.subject.model.n, set(claim.dropped)
     basis = [{i: Fraction(1)} for i in range(n) if i not in dropped]
     if len(basis) == n:

@@ -13,7 +13,6 @@ from flint import arb, fmpq
 
 from persid_check.expression import Program
 
-
 PRECISION = 192  # bits of ball arithmetic; every bound is rounded outwards, so this decides sharpness, not truth
 
 

@@ -31,7 +31,7 @@ def prove_equilibrium(data: Mapping[str, Any], x: Vector, u: Vector) -> Fraction
 
 
 def has_unique_equilibrium(model: Model, x: Vector, radius: Fraction, u: Vector) -> bool:
-    """Whether F(., u) is proved to have exactly one zero in |. - x|_inf <= radius; radius 0 needs F(x, u) = 0 exactly."""
+    """Whether exactly one zero of F(., u) in |. - x|_inf <= radius is proved; radius 0 needs F(x, u) = 0 exactly."""
     if radius < 0:
         return False
     try:
@@ -69,7 +69,7 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
     """Return an enclosure of F(x, u), for states in intervals and an exact input."""
     offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
     inputs = [constant(a - b) for a, b in zip(u, model.u_ref, strict=True)]
-    total = [constant(Fraction(b)) for b in model.b]
+    total = [constant(Fraction(force)) for force in model.b]
     for i in range(model.n):
         for a, d in zip(model.A0[i], offset, strict=True):
             total[i] = total[i] + constant(a) * d if a else total[i]
@@ -77,8 +77,8 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
             total[i] = total[i] + constant(Fraction(b)) * v if b else total[i]
     for channel in model.channels:
         f = value(channel.program, _argument(channel.row, offset))
-        for i, a in enumerate(channel.column):
-            total[i] = total[i] + constant(Fraction(a)) * f if a else total[i]
+        for i, weight in enumerate(channel.column):
+            total[i] = total[i] + constant(Fraction(weight)) * f if weight else total[i]
     return total
 
 

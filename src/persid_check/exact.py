@@ -97,7 +97,7 @@ def diagonal(values: Sequence[Number]) -> Matrix:
 
 
 def is_positive_definite(M: "Matrix | Sequence[Sequence[Number]]", T: Sequence[Sequence[int]]) -> bool:
-    """Prove M > 0 exactly with an untrusted lower triangular integer T, one row of i + 1 entries for each row i of M."""
+    """Prove M > 0 exactly with an untrusted lower triangular integer T, whose row i has i + 1 entries."""
     M = M if isinstance(M, Matrix) else matrix(M, len(M))
     size = M.height
     if M.width != size or len(T) != size or any(len(row) != i + 1 for i, row in enumerate(T)):

@@ -285,7 +285,7 @@ class Expansion:
             below = -1 if name == "abs" else 0
             values = Interval(arb(low), arb(below if (-self).is_nonnegative() and low != 1 else 1))
         if values.lo == values.hi:
-            return self.constant(Fraction(int(values.lo.unique_fmpz())))
+            return self._with([(CONSTANT, fmpq(int(float(values.lo))))])
         return self._with([(CONSTANT, values)])
 
 
@@ -321,8 +321,8 @@ def _log(c: Interval) -> Interval:
 
 def _floor(rate: arb) -> fmpq:
     """A fraction just below a positive exact number."""
-    scaled = int((rate * 1024).floor().lower().unique_fmpz() or 0) if rate < 2**40 else 2**50
-    return fmpq(scaled, 1024)
+    scaled = (rate * 1024).floor().lower().unique_fmpz() if rate < 2**40 else 2**50
+    return fmpq(scaled or 0, 1024)
 
 
 def _sinh(v: Expansion) -> Expansion:

@@ -14,9 +14,10 @@ import re
 from dataclasses import dataclass
 from fractions import Fraction
 
-FUNCTIONS = frozenset(
-    "sqrt abs exp log1p expm1 sin cos tan sinh cosh tanh arcsinh arctan erf softsign softplus relu deadzone sat".split()
-)
+FUNCTIONS = frozenset({
+    "sqrt", "abs", "exp", "log1p", "expm1", "sin", "cos", "tan", "sinh", "cosh", "tanh",
+    "arcsinh", "arctan", "erf", "softsign", "softplus", "relu", "deadzone", "sat",
+})  # fmt: skip
 MAX_LENGTH = 1000  # characters of text
 MAX_EXPONENT = 64
 

@@ -345,11 +345,11 @@ def _products(where: str, value: Any, size: int) -> tuple[tuple[int, int, Fracti
     found = []
     for i, entry in enumerate(_list(where, value)):
         place = f"{where}[{i}]"
-        k, l, tau = _list(place, entry, 3)
-        found.append((_index(place, k, size), _index(place, l, size), _dyadic(place, tau)))
+        k, q, tau = _list(place, entry, 3)
+        found.append((_index(place, k, size), _index(place, q, size), _dyadic(place, tau)))
         if found[-1][0] >= found[-1][1]:
             raise FormatError(place, "k < l is needed")
-    if len({(k, l) for k, l, _ in found}) != len(found):
+    if len({(k, q) for k, q, _ in found}) != len(found):
         raise FormatError(where, "a pair stands twice")
     return tuple(found)
 

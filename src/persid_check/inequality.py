@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.exact import Matrix, blocks, diagonal, matrix
+from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
 from persid_check.format import GroupProof, Stability
 from persid_check.model import Group, Model
 
@@ -50,7 +50,7 @@ def lyapunov_matrix(claim: Stability) -> Matrix:
 def flow_matrix(model: Model) -> Matrix:
     """Return G = [A0, all a_c]."""
     columns = [channel.column for channel in model.channels]
-    rows = [(*line, *(column[i] for column in columns)) for i, line in enumerate(model.A0)]
+    rows: list[list[Number]] = [[*line, *(column[i] for column in columns)] for i, line in enumerate(model.A0)]
     return matrix(rows, model.n + len(columns))
 
 
@@ -123,9 +123,9 @@ def _pairs(proofs: Sequence[GroupProof], groups: Sequence[Group]) -> list[tuple[
     return list(zip(proofs, groups, strict=True))
 
 
-def symmetric_product(k: Sequence[Fraction], l: Sequence[Fraction]) -> Square:
+def symmetric_product(k: Sequence[Fraction], q: Sequence[Fraction]) -> Square:
     """Return k l' + l k'."""
-    return [[a * d + b * c for c, d in zip(k, l, strict=True)] for a, b in zip(k, l, strict=True)]
+    return [[a * d + b * c for c, d in zip(k, q, strict=True)] for a, b in zip(k, q, strict=True)]
 
 
 def _sum(squares: Sequence[tuple[Fraction, Square]], size: int) -> Square:
@@ -138,7 +138,7 @@ def _sum(squares: Sequence[tuple[Fraction, Square]], size: int) -> Square:
 
 def _products(proof: GroupProof, members: int) -> Square:
     """S_g = sum tau (l_k l_l' + l_l l_k')."""
-    terms = [(tau, symmetric_product(proof.forms[k], proof.forms[l])) for k, l, tau in proof.products if tau]
+    terms = [(tau, symmetric_product(proof.forms[k], proof.forms[q])) for k, q, tau in proof.products if tau]
     return _sum(terms, 1 + members)
 
 

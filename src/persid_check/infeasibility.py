@@ -1,4 +1,4 @@
-"""Claim "infeasible": X = L L' >= 0 has a positive product with every generator of the family, so no certificate exists.
+"""Claim "infeasible": X = L L' >= 0 has a positive product with every generator, so no certificate exists.
 
 A certificate needs Q < 0 on the entries kept, where Q = sum of generators times multipliers >= 0. Then <Q, X> <= 0; but
 <F_k, X> > 0 for every generator F_k makes <Q, X> > 0 unless all multipliers vanish, and then Q = 0.
@@ -46,8 +46,8 @@ def _forms(claim: Infeasibility, GL: Matrix, L: Matrix) -> None:
             where = f"groups[{g}].forms[{k - first - 1}]"
             if not flows[g, k] > 0:
                 raise NotProvedError(where, "the product with its Lyapunov generator is not positive")
-            for l in range(first, first + 1 + size):
-                if l != k and not gram[k, l] > 0:
+            for m in range(first, first + 1 + size):
+                if m != k and not gram[k, m] > 0:
                     raise NotProvedError(where, "the product with the generator of a pair is not positive")
 
 
@@ -59,7 +59,9 @@ def _group_rows(claim: Infeasibility) -> Matrix:
 
 def _rows(claim: Infeasibility) -> tuple[list[list[Fraction | int]], list[tuple[int, int]]]:
     """For each group the rows N_g'e_0 (that is y) and N_g'l_k, and where they begin."""
-    n, rows, places = claim.subject.model.n, [], []
+    n = claim.subject.model.n
+    rows: list[list[Fraction | int]] = []
+    places: list[tuple[int, int]] = []
     for group, proof in zip(claim.subject.groups, claim.groups, strict=True):
         size = len(group.members)
         places.append((len(rows), len(proof.forms)))

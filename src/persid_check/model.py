@@ -1,4 +1,4 @@
-"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: canonical form, hash, channels, groups."""
+"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: its form, hash, groups."""
 
 import hashlib
 import json
@@ -64,7 +64,7 @@ class Model:
 
 
 def canonical_model(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the canonical form of a model object: all fields present, every number a float.hex() string, no provenance.
+    """Return the canonical form: all fields present, every number a float.hex() string, no provenance.
 
     A canonical form is returned unchanged.
 
@@ -133,7 +133,7 @@ def model_of(form: Mapping[str, Any]) -> Model:
 
 
 def groups(data: Mapping[str, Any]) -> tuple[Group, ...]:
-    """Return the groups of a model object: a channel joins the first group whose row is a positive multiple of its own."""
+    """Return the groups of a model object: a channel joins the first group whose row is a positive multiple."""
     return groups_of(read_model(data))
 
 

@@ -1,8 +1,8 @@
 """The univariate prover: properties of l'phi(s) for a curve phi, on R or an interval, shifted by a ball or not.
 
-Each side s = +t and s = -t is proved apart, for t >= 0: with G(t) = +-l'phi(+-t) and its derivative D(t), every property
-is that an expression in (t, G, D) is not negative. Near 0 and at infinity an expansion gives its sign on a whole
-interval; between, intervals are bisected. Every answer is True or False, and False means "not proved".
+Each side s = +t and s = -t is proved apart, t >= 0: with G(t) = +-l'phi(+-t) and its derivative D(t), every
+property is that an expression in (t, G, D) is not negative. Near 0 and at infinity an expansion gives its sign on a
+whole interval; between, intervals are bisected. Every answer is True or False, and False means "not proved".
 """
 
 from collections.abc import Callable, Iterable
@@ -114,7 +114,7 @@ def prove_nondecreasing(curve: Curve, form: Iterable[Fraction], domain: Domain =
 def prove_strictly_increasing(
     curve: Curve, form: Iterable[Fraction], domain: Domain = None, shift: Shift = None
 ) -> bool:
-    """Prove that l'phi is strictly increasing: D > 0 but at 0, or D >= 0 of an analytic function that is not constant."""
+    """Prove that l'phi is strictly increasing: D > 0 but at 0, or D >= 0 of a nonconstant analytic function."""
     curve, form = _used(curve, form)
     if not prove_nondecreasing(curve, form, domain, shift):
         return False
@@ -250,15 +250,15 @@ def _defined_beyond(program: Program, Y: Fraction, sign: int) -> bool:
 
 
 def _scale(form: Form) -> int:
-    return lcm(*(l.denominator for l in form))
+    return lcm(*(c.denominator for c in form))
 
 
 def _used(curve: Curve, form: Iterable[Fraction]) -> tuple[Curve, Form]:
     """Leave out members with coefficient 0, and make the form's entries integers: no property but d changes."""
     form = tuple(form)
     scale = _scale(form)
-    kept = [(pair, l * scale) for pair, l in zip(curve, form[1:], strict=True) if l]
-    return tuple(pair for pair, _ in kept), (form[0] * scale, *(l for _, l in kept))
+    kept = [(pair, c * scale) for pair, c in zip(curve, form[1:], strict=True) if c]
+    return tuple(pair for pair, _ in kept), (form[0] * scale, *(c for _, c in kept))
 
 
 @lru_cache(maxsize=65536)

@@ -7,14 +7,17 @@ from persid_check import sentences
 from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
 from persid_check.exact import is_positive_definite
-from persid_check.format import Factor, Point, Refutation
+from persid_check.expression import Program
+from persid_check.format import Refutation
 from persid_check.model import Channel
 from persid_check.prover import prove_bounded, prove_bounded_below, prove_continuous, prove_nondecreasing
 from persid_check.results import NotProvedError
+from persid_check.side import Curve
 
 INFLATION = Fraction(1, 2**60)  # an unstable equilibrium is proved so on a neighbourhood of its ball, however small
 
 _AXIS = (Fraction(0), Fraction(1))
+Part = tuple[Program, Fraction]  # f(rho s)
 
 
 def prove_refutation(claim: Refutation) -> tuple[str, tuple[str, ...]]:
@@ -29,7 +32,7 @@ def prove_refutation(claim: Refutation) -> tuple[str, tuple[str, ...]]:
     return sentences.refutation(claim), sentences.refutation_steps(claim)
 
 
-def _curve(channel: Channel) -> tuple[tuple[tuple, Fraction]]:  # type: ignore[type-arg]
+def _curve(channel: Channel) -> Curve:
     return ((channel.program, Fraction(1)),)
 
 
@@ -109,7 +112,7 @@ def _marginal_direction(claim: Refutation) -> None:
     model, w = claim.subject.model, claim.vector
     if any(_dot(w, [row[j] for row in model.A0]) for j in range(model.n)):
         raise NotProvedError("witness.direction", "w'A0 is not zero")
-    if not any(_dot(w, [Fraction(row[l]) for row in model.B]) for l in range(model.m)):
+    if not any(_dot(w, [Fraction(row[k]) for row in model.B]) for k in range(model.m)):
         raise NotProvedError("witness.direction", "w'B is zero, and then no input drives w'x")
     for c, channel in enumerate(model.channels):
         factor = _dot(w, [Fraction(a) for a in channel.column])
@@ -176,9 +179,9 @@ def _is_zero(enclosed: Interval) -> bool:
     return bool(enclosed.lo == 0 and enclosed.hi == 0)
 
 
-def _along(channels: Sequence[Channel], v: Sequence[Fraction]) -> Mapping[tuple, list[Fraction]]:  # type: ignore[type-arg]
+def _along(channels: Sequence[Channel], v: Sequence[Fraction]) -> Mapping[Part, list[Fraction]]:
     """Columns summed over the channels that are one function of s on the line: equal program and equal r'v."""
-    parts: dict[tuple, list[Fraction]] = {}  # type: ignore[type-arg]
+    parts: dict[Part, list[Fraction]] = {}
     for channel in channels:
         rho = sum((r * v[i] for i, r in channel.row.items()), Fraction(0))
         column = [Fraction(a) for a in channel.column]

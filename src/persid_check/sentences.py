@@ -160,17 +160,16 @@ def infeasibility(claim: Infeasibility) -> str:
     count = sum(len(proof.forms) for proof in claim.groups)
     P = "P >= 0" if claim.full else "a diagonal P >= 0 (diagonal P only)"
     return (
-        f"For {_model(claim.subject)[0].lower()}{_model(claim.subject)[1:]} there is no certificate of claim G, M or E with {P}"
-        f" and with Lyapunov densities and in-group products of the {count} forms in the file (and y)."
-        " This does not refute stability."
+        f"{_model(claim.subject)} has no certificate of claim G, M or E with {P} and with Lyapunov densities and"
+        f" in-group products of the {count} forms in the file (and y). This does not refute stability."
     )
 
 
 def infeasibility_steps(claim: Infeasibility) -> tuple[str, ...]:
     """Return the proof of claim "infeasible" as steps."""
     return (
-        f"1. X = L L' with L of {len(claim.L)} rows and {len(claim.L[0])} columns is positive semidefinite by construction.",
-        "2. <F, X> > 0 was proved exactly for the generators of P, of every mu, of every pair of forms and of every (y, form).",
+        f"1. X = L L' with L of {len(claim.L)} rows and {len(claim.L[0])} columns is semidefinite by construction.",
+        "2. <F, X> > 0 was proved exactly for the generators of P, every mu, every pair of forms and every (y, form).",
         "3. A certificate would give Q < 0, so <Q, X> <= 0, with Q a sum of these generators: a contradiction.",
     )
 
@@ -179,13 +178,14 @@ def refutation(claim: Refutation) -> str:
     """Return the sentence of claim "refuted"."""
     u = f"the constant input u = {_vector(claim.u)}"
     places = " and ".join(_vector(point.x) for point in claim.points)
+    line = f"s = {_vector((claim.number,))}, v = {_vector(claim.vector)}"
     reason = {
         "two-equilibria": f"at {u} it rests both near {places}",
         "unstable-equilibrium": f"at {u} it has an unstable equilibrium near {places}",
         "unstable-linear-part": "its functions are bounded and its linear part grows exponentially",
         "marginal-direction": f"some constant input drives w'x to infinity, w = {_vector(claim.vector)}",
         "cooperative-growth": f"at {u} it never returns from {_vector(claim.vector)} to its equilibrium near {places}",
-        "invariant-line": f"at {u} it never returns from x_ref + s v, s = {_vector((claim.number,))}, v = {_vector(claim.vector)}",
+        "invariant-line": f"at {u} it never returns from x_ref + s v, {line}",
     }[claim.kind]
     about = (
         "any point for any input"
@@ -209,8 +209,8 @@ _WITNESS = {
     " (x - x*)'S(x - x*) grows from arbitrarily near x*, so x* is unstable.",
     "unstable-linear-part": "A0'S + S A0 - 2 sigma S > 0, sigma >= 0, e'Se > 0, and every other term is bounded:"
     " from far out along e, x'Sx grows without bound.",
-    "marginal-direction": "w'A0 = 0, w'B is not 0, and every (w'a) f is bounded below: a large constant input makes w'x grow.",
+    "marginal-direction": "w'A0 = 0, w'B is not 0, every (w'a) f is bounded below: some constant input makes w'x grow.",
     "cooperative-growth": "F > 0 at the start, which lies above x*, and no off-diagonal slope is negative:"
     " {x >= start} is invariant and does not hold x*.",
-    "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: s never returns to 0.",
+    "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: s never returns.",
 }

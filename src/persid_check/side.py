@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from flint import fmpq
 
@@ -38,8 +38,8 @@ class Side:
         """Return G(t) and its derivative; `y` is y* as an element of the same kind."""
         sign = t.constant(Fraction(self.sign))
         G, D = t.constant(self.form[0]) * t, t.constant(self.form[0])
-        for l, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
-            scale, factor = t.constant(alpha), t.constant(l)
+        for c, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
+            scale, factor = t.constant(alpha), t.constant(c)
             f, slope = value_and_slope(program, scale * (y + sign * t), scale)
             G, D = G + factor * sign * self._change(f, program, scale * y), D + factor * slope
         return G, D
@@ -48,10 +48,10 @@ class Side:
         """Return G(t) alone."""
         sign = t.constant(Fraction(self.sign))
         G = t.constant(self.form[0]) * t
-        for l, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
+        for c, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
             scale = t.constant(alpha)
             f = value(program, scale * (y + sign * t))
-            G = G + t.constant(l) * sign * self._change(f, program, scale * y)
+            G = G + t.constant(c) * sign * self._change(f, program, scale * y)
         return G
 
     def _change(self, f: E, program: Program, start: E) -> E:

@@ -6,7 +6,24 @@ import numpy as np
 
 from persid.functions import scalar_function
 
-_UNARY = "sinh tanh arctan arcsinh erf softsign sin cos exp expm1 sat deadzone relu abs softplus cosh".split()
+_UNARY = [
+    "sinh",
+    "tanh",
+    "arctan",
+    "arcsinh",
+    "erf",
+    "softsign",
+    "sin",
+    "cos",
+    "exp",
+    "expm1",
+    "sat",
+    "deadzone",
+    "relu",
+    "abs",
+    "softplus",
+    "cosh",
+]
 
 
 def expression(choose: random.Random, depth: int = 3) -> str:

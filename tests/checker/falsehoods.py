@@ -147,8 +147,9 @@ _set("negative_tau", G, R, "a multiplier is negative", ((*TAU, 2), [-1, -10]))
 _set("zero_gamma", G, R, "gamma must be positive", (("gamma",), [0, 0]))
 _set("negative_gamma", "g_linear", R, "gamma must be positive", (("gamma",), [-1, 0]))
 _set("small_gamma", G, R, "the gain is too small for the block", (("gamma",), [1, -40]))
-_set("zero_certificate", G, R, "P = mu = tau = 0 proves nothing", (("P", "diagonal"), [[0, 0]] * 2),
-     *(((("groups", g, "mu"), [[0, 0]] * 4)) for g in range(2)), *(((("groups", g, "products"), [])) for g in range(2)))  # fmt: skip
+_ZEROS = [[0, 0]] * 4
+_EMPTY = [((*("groups", g), name), value) for g in range(2) for name, value in (("mu", _ZEROS), ("products", []))]
+_set("zero_certificate", G, R, "P = mu = tau = 0 proves nothing", (("P", "diagonal"), [[0, 0]] * 2), *_EMPTY)
 _set("negative_P", "g_linear", R, "P must be positive", (P0, [-1, 0]))
 _set("zero_P", "g_linear", R, "P must be strictly positive", (P0, [0, 0]))
 _set(
@@ -309,7 +310,8 @@ _file("cubic_as_everywhere", R, "x' = -(x - 10 sinh(x/10)) at rest all around 0"
       lambda: _M(_one("10*sinh(x/10)", A0=2.0), AXIS, [[1, 0]], FACTOR, [0]))  # fmt: skip
 _file("constant_force", R, "x' = -x + 2 at x = 1: F > 0 there, and it is certified about 2",
       lambda: file(model([], [[-1]], b=[2.0]), "refuted", u=[[0, 0]],
-                   witness={"kind": "cooperative-growth", "point": {"x": [[2, 0]], "radius": [0, 0]}, "start": [[1, 0]]}))  # fmt: skip
+                   witness={"kind": "cooperative-growth", "point": {"x": [[2, 0]], "radius": [0, 0]},
+                            "start": [[1, 0]]}))  # fmt: skip
 _file("bistable_only_at_0_55", R, "the three equilibria belong to u = 0.55, not to u = 0",
       lambda: file(model([("x**3-3*x**2+2.5*x", None, [[-1]])]), "refuted", u=[[0, 0]],
                    witness={"kind": "two-equilibria", "points": [{"x": [dyadic(Fraction(0.3596))], "radius": [1, -8]},

@@ -1,3 +1,4 @@
+# ruff: noqa: E741 (l is the letter of the mathematics)
 """What an accepted file asserts, looked at once more in floating point by other code: sampling, eigenvalues, Newton.
 
 Written from docs/certificate-format.md. It can only find fault: an empty list means that no fault was found.
@@ -194,12 +195,11 @@ def _form_faults(
                 found.append(f"group {g}: form {k} has the wrong sign")
             area = cumulative_trapezoid(F, s, initial=0)
             slack = np.where(np.abs(s) < 1e-3 * abs(end), np.inf, 1e-4 * np.abs(area) + 1e-9 * (np.abs(s) * size))
-            if proof["mu"][k][0] and certificate["claim"] in ("E", "R"):
-                if (area > _number(proof["integral"][k]) * s * F + slack).any():
-                    found.append(f"group {g}: the constant c of form {k} is too small")
-            if proof["mu"][k][0] and certificate["claim"] == "R":
-                if (area + slack < _number(proof["quadratic"][k]) / 2 * s**2).any():
-                    found.append(f"group {g}: the constant d of form {k} is too large")
+            active = certificate["claim"] if proof["mu"][k][0] else ""
+            if active in ("E", "R") and (area > _number(proof["integral"][k]) * s * F + slack).any():
+                found.append(f"group {g}: the constant c of form {k} is too small")
+            if active == "R" and (area + slack < _number(proof["quadratic"][k]) / 2 * s**2).any():
+                found.append(f"group {g}: the constant d of form {k} is too large")
     return found
 
 

@@ -1,4 +1,5 @@
-"""A tiny maker of certificates for the tests: a semidefinite program by cvxpy, rounded to dyadics. Nothing here is trusted."""
+# ruff: noqa: E741 (l is the letter of the mathematics)
+"""A tiny maker of certificates for the tests: a semidefinite program by cvxpy, rounded; nothing is trusted."""
 
 import json
 import math
@@ -110,7 +111,8 @@ def _empty(wanted: Wanted) -> Stability:
     one, zero = Fraction(1), Fraction(0)
     box = tuple((Fraction(lo), Fraction(hi)) for lo, hi in wanted.box)
     return Stability(
-        subject, point, rows, not wanted.full, tuple(proofs), wanted.dropped, one, Fraction(wanted.kappa), zero, box, zero, zero, {}
+        subject, point, rows, not wanted.full, tuple(proofs), wanted.dropped, one, Fraction(wanted.kappa), zero, box,
+        zero, zero, {},
     )  # fmt: skip
 
 
@@ -233,9 +235,10 @@ def _written(claim: Stability, wanted: Wanted) -> dict[str, Any]:
         if wanted.claim == "R":
             entry["quadratic"] = [None if v is None else dyadic(v) for v in proof.quadratic]
         groups.append(entry)
+    P = [[dyadic(v) for v in row] for row in claim.P]
     fields: dict[str, Any] = {
         "operating_point": None,
-        "P": {"lower": [[dyadic(v) for v in row] for row in claim.P]} if wanted.full else {"diagonal": [dyadic(r[0]) for r in claim.P]},
+        "P": {"lower": P} if wanted.full else {"diagonal": [row[0] for row in P]},
         "groups": groups,
         "dropped": list(claim.dropped),
         "gamma": dyadic(claim.gamma),

@@ -1,4 +1,4 @@
-"""Named valid certificates, with why each claim is true; `python -m checker.named` (from tests/) writes them to tests/certificates/valid."""
+"""Named valid certificates, with why each is true; `python -m checker.named`, in tests/, writes certificates/valid."""
 
 import json
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# ruff: noqa: E741 (l is the letter of the mathematics)
 """A second, tiny checker of claim G, written from docs/certificate-format.md alone.
 
 Fractions for the matrices, mpmath's intervals (exp only) for the functions x**k (odd k), sinh(x), tanh(x).
@@ -71,7 +72,7 @@ def _check(data: dict[str, Any]) -> None:
     Q = _plus(_plus(_product(E, G), _transposed(_product(E, G))), S)
     B = [[_exact(v) for v in row] for row in model["B"]]
     if any(_exact(v) for v in model["b"]):
-        B = [row + [_exact(v)] for row, v in zip(B, model["b"], strict=True)]
+        B = [[*row, _exact(v)] for row, v in zip(B, model["b"], strict=True)]
     EB = _product(E, B)
     for d in data["dropped"]:
         _require(n <= d < size and d not in touched and data["dropped"].count(d) == 1, "dropped")
