@@ -143,7 +143,8 @@ def _free_share(gram: Gram) -> ndarray:
     g = gram.G[:, -1] / max(gram.G[-1, -1], np.finfo(float).tiny)
     C = (gram.G - np.outer(g, gram.G[-1]))[np.ix_(keep, keep)]
     d = np.sqrt(np.maximum(np.diag(C), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(C / np.outer(d, d), hermitian=True)
+    # Not the pseudoinverse: it would call a column that is a combination of others free.
+    inverse = np.linalg.inv(C / np.outer(d, d) + 1e-12 * np.eye(len(d)))
     share[keep] = np.clip(1 / np.maximum(np.diag(inverse), 1.0), 0, 1)
     return share
 
