@@ -28,8 +28,8 @@ identify
 baselines
 bounds
 certificate
-sector equilibrium
-lmi integrals interior_point
+sector equilibrium interior_point
+lmi integrals
 search proof witness
 setting rates
 certify
@@ -58,10 +58,10 @@ def imported(path: Path, package: str) -> set[str]:
             continue
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            found |= (
-                {f"{node.module}.{alias.name}" for alias in node.names} if node.module == package else {node.module}
-            )
+        elif isinstance(node, ast.ImportFrom) and node.module == package:
+            found |= {f"{package}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module)
     return {name.split(".")[1] if "." in name else name for name in found if name.split(".")[0] == package}
 
 

@@ -32,7 +32,7 @@ from persid_check import groups
 RUNS, STATES, SAMPLES = 3, 8, 5000  # at most so many are drawn, and said so
 PAIRS, GROUPS, BARS = 3, 6, 6
 CELLS = 4000  # a larger table of coefficients is left to model.json
-STYLE = {"font.family": "sans-serif", "font.size": 10, "svg.fonttype": "none", "axes.linewidth": 0.8}
+STYLE: dict[Any, Any] = {"font.family": "sans-serif", "font.size": 10, "svg.fonttype": "none", "axes.linewidth": 0.8}
 # Colours of the figures become variables of the page, so that they suit a light and a dark screen.
 THEME = {
     "#000000": "currentColor",
@@ -168,13 +168,13 @@ def _coefficients(model: PersidskiiModel) -> list[tuple[str, list[float]]] | Non
     return None if table.size > CELLS else [(name, row) for name, row in zip(names, table.T.tolist(), strict=True)]
 
 
-def _overview(data: Trajectories) -> list[tuple[str, str, float, float, float, float]]:
+def _overview(data: Trajectories) -> list[tuple[str, str, list[float]]]:
     """Return name, kind, smallest, largest, mean and standard deviation of every state and input."""
     found = []
     for kind, names, columns in (("state", data.states, "x"), ("input", data.inputs, "u")):
         values = np.concatenate([getattr(run, columns) for run in data])
         for name, v in zip(names, values.T, strict=True):
-            found.append((name, kind, *(float(s) for s in (v.min(), v.max(), v.mean(), v.std()))))
+            found.append((name, kind, [float(s) for s in (v.min(), v.max(), v.mean(), v.std())]))
     return found
 
 
