@@ -15,7 +15,7 @@ References: Helmberg, Rendl, Vanderbei & Wolkowicz (1996), SIAM J. Optim. 6(2); 
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -24,6 +24,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
+SHARE = 0.95  # of the way to the boundary that a step goes
 BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
 
 
@@ -33,6 +34,7 @@ class Status(Enum):
     FEASIBLE = "A strictly feasible point was found."
     INFEASIBLE = "A dual matrix shows that no feasible point exists in this family."
     STALLED = "The bounds met, or steps became too short, before the sign of the margin was decided."
+    ROUGH = "The bounds came as near to each other as was asked, and the sign of the margin is still open."
     TIME = "The time limit was reached."
     INTERRUPTED = "The run was interrupted; the best point so far is kept."
 
@@ -78,9 +80,13 @@ class Solution:
     log: tuple[str, ...]
 
 
-def solve(problem: Problem, *, time_limit: float = np.inf, quality: float = 0.5, iterations: int = 80) -> Solution:
+def solve(
+    problem: Problem, *, time_limit: float = np.inf, quality: float = 0.1, gap: float = 1e-13, iterations: int = 80
+) -> Solution:
     """Decide the sign of the optimal margin; a feasible answer has t >= quality * m where the method gets that far."""
+    problem, C = whitened(problem)
     state = _start(problem)
+    first = state.m - state.t
     started, log, status = time.perf_counter(), [], Status.STALLED
     try:
         for count in range(iterations):
@@ -94,14 +100,17 @@ def solve(problem: Problem, *, time_limit: float = np.inf, quality: float = 0.5,
                 status = Status.TIME
                 break
             following = _iterate(problem, state)
-            if following is None or state.m - state.t < 1e-13:
+            if following is None:
+                break
+            if state.m - state.t < gap * first:
+                status = Status.ROUGH
                 break
             state = following
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     if state.t > 0:
         status = Status.FEASIBLE
-    return Solution(status, state.y, state.t, state.m, state.X, tuple(log))
+    return Solution(status, state.y, state.t, state.m, C @ state.X @ C.T, tuple(log))
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,26 +224,57 @@ def _schur_of_P(problem: Problem, U: ndarray, P_inverse: ndarray) -> ndarray:
 
 
 def _start(problem: Problem) -> _State:
-    """Strictly feasible on both sides: y uniform with t very negative; X as given with U, x, m to match."""
-    J, k = len(problem.cost), problem.symmetric
-    y = np.full(J, 1.0)
-    y[: problem.free] = np.eye(k)[np.triu_indices(k)] / 2
-    y /= problem.cost @ y
-    largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
-    t = -largest - max(abs(largest), 1.0 / J)
-    X = problem.X / np.trace(problem.X)
+    """Strictly feasible on both sides and nearly central: X = I / N, then U, x, m to match, then y = mu / x, P = mu / U."""
+    free, c = problem.free, problem.cost[problem.free :]
+    X = np.eye(problem.order) / problem.order
     paired = pairings(problem, X)
-    W = np.zeros((k, k))
-    W[np.triu_indices(k)] = paired[: problem.free] / 2
-    W = W + W.T - np.diag(np.diag(W))  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
-    needed = [0.0]
-    if k:
+    W = _dual_of_P(problem, paired[:free])  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
+    costly = c > 0
+    needed = [0.0, *(-paired[free:][costly] / c[costly])]
+    if free:
         needed.append(-float(np.linalg.eigvalsh(W)[0]))
-    costly = problem.cost[problem.free :] > 0
-    needed += list(-(paired[problem.free :] / np.where(costly, problem.cost[problem.free :], 1))[costly])
-    m = max(needed) + max(1.0 / J, 0.5 * max(needed))
-    x = paired[problem.free :] + m * problem.cost[problem.free :]
-    return _State(problem, y, float(t), float(m), X, W + m * np.eye(k), x)
+    m = 1.5 * max(needed) + 1e-3 / problem.order
+    U, x = W + m * np.eye(problem.symmetric), paired[free:] + m * c
+    P = _inverse(U)
+    mu = 1 / (np.trace(P) + c @ (1 / x))
+    y = np.concatenate(
+        [_pack(problem, mu * P) / 2 / (1 + np.eye(problem.symmetric))[np.triu_indices(problem.symmetric)], mu / x]
+    )
+    largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
+    t = -float(largest) - mu * problem.order
+    return _State(problem, y, t, m, X, U, x)
+
+
+def _dual_of_P(problem: Problem, values: ndarray) -> ndarray:
+    """Return the symmetric W with <E_k, W> = values for every entry of P."""
+    W = np.zeros((problem.symmetric, problem.symmetric))
+    W[np.triu_indices(problem.symmetric)] = values / 2
+    return W + np.triu(W, 1).T
+
+
+def _blocks(problem: Problem) -> list[tuple[ndarray, ...]]:
+    """Return the blocks of entries that rows of S, and products of two rows of S, hold together."""
+    rows, width = problem.S.shape
+    pattern = sparse.csr_array((np.ones(problem.S.nnz), problem.S.indices, problem.S.indptr), shape=(rows, width))
+    inside = problem.q < rows
+    pairs = sparse.coo_array((np.ones(inside.sum()), (problem.p[inside], problem.q[inside])), shape=(rows, rows))
+    count, block = sparse.csgraph.connected_components(pattern.T @ (sparse.eye_array(rows) + pairs) @ pattern)
+    return [np.ix_(block == b, block == b) for b in range(count)]
+
+
+def whitened(problem: Problem) -> tuple[Problem, ndarray]:
+    """Return the problem in coordinates z = C w in which its dual matrix is I, and C: sector cones are round there."""
+    blocks = _blocks(problem)
+    for share in (0.0, 0.9, 0.999, 0.999999):
+        C = np.zeros((problem.order, problem.order))
+        for inside in blocks:
+            part = problem.X[inside]
+            C[inside] = np.linalg.cholesky(part - share * np.linalg.eigvalsh(part)[0] * np.eye(len(part)))
+        S = sparse.csr_array(problem.S @ sparse.csr_array(C))
+        round_ = replace(problem, S=S, H=problem.H @ C, X=np.eye(problem.order))
+        if (pairings(round_, round_.X)[problem.free :][problem.cost[problem.free :] == 0] > 0).all():
+            break
+    return round_, C
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,9 +379,23 @@ def _newton(
 def _steps(state: _State, d: _Direction) -> tuple[float, float]:
     """Return the primal and the dual step length, a fixed share of the way to the boundary."""
     free = state.problem.free
-    primal = min(_to_boundary(state.X, d.X), _to_boundary(state.U, d.U), _ratio(state.x, d.x))
-    dual = min(_to_boundary(state.Z, d.Z), _to_boundary(state.P, d.P), _ratio(state.s, d.y[free:]))
-    return min(1.0, 0.95 * primal), min(1.0, 0.95 * dual)
+    primal = min(1.0, SHARE * _ratio(state.x, d.x))
+    dual = min(1.0, SHARE * _ratio(state.s, d.y[free:]))
+    for M, dM in ((state.X, d.X), (state.U, d.U)):
+        primal = _inside(M, dM, primal)
+    for M, dM in ((state.Z, d.Z), (state.P, d.P)):
+        dual = _inside(M, dM, dual)
+    return primal, dual
+
+
+def _inside(M: ndarray, dM: ndarray, a: float) -> float:
+    """Return a step of at most a that keeps M + a dM positive definite, and tests that it does."""
+    a = min(a, SHARE * _to_boundary(M, dM))
+    for _ in range(20):
+        if sla.lapack.dpotrf(M + a * dM, lower=1, clean=0)[1] == 0:
+            return a
+        a *= 0.7
+    return 0.0
 
 
 def _ratio(v: ndarray, dv: ndarray) -> float:

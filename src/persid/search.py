@@ -19,9 +19,10 @@ from persid.lmi import Assembly, Family, System, Target, assemble
 from persid.sector import Curve, Group
 
 FIRST_FORMS = 6  # forms of a pool that the search begins with
-JOINING = 8  # products, and half as many densities, that may join a group in one round
-ROUNDS = 12
-GAP = 1e-4
+JOINING = 6  # products, and half as many densities, that may join a group in one round
+KEPT = 8  # products, and half as many densities, of the first choice that stay after the first round
+ROUNDS = 16
+GAP = 1e-3  # share of the first gap at which the first round stops, tightened tenfold from round to round
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,22 +56,22 @@ def search(
     started, target = time.perf_counter(), target or Target()
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
+    gap = GAP
     for count in range(1, ROUNDS + 1):
         assembly = assemble(system, families, full_P=full_P, target=target)
-        solution = solve(assembly.problem, time_limit=time_limit - (time.perf_counter() - started), gap=GAP)
+        left = time_limit - (time.perf_counter() - started)
+        solution = solve(assembly.problem, time_limit=left, gap=gap if count < ROUNDS else 0.0)
         if progress is not None:
             progress(
                 f"round {count}: {len(assembly.problem.cost)} unknowns, {len(solution.log)} iterations, {solution.status.name}"
             )
         if solution.status not in (Status.INFEASIBLE, Status.ROUGH):
             break
-        grown = tuple(join(assembly, g, solution) for g in range(len(families)))
-        if all(
-            len(new.products) == len(old.products) and len(new.densities) == len(old.densities)
-            for new, old in zip(grown, families, strict=True)
-        ):
+        grown = tuple(join(assembly, g, solution, drop=count == 1) for g in range(len(families)))
+        settled = all(_contains(old, new) for old, new in zip(families, grown, strict=True))
+        if settled and solution.status is Status.INFEASIBLE:
             break
-        families = grown
+        families, gap = (families, 0.0) if settled else (grown, 0.1 * gap)
     return Outcome(assembly, solution, count)
 
 
@@ -86,15 +87,27 @@ def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Ta
     return Family(usable, tuple(int(k) for k in rated[:FIRST_FORMS]), first.products)
 
 
-def join(assembly: Assembly, g: int, solution: Solution) -> Family:
-    """Return group g's family with the products and densities of its pool that the dual matrix prices lowest."""
+def _contains(old: Family, new: Family) -> bool:
+    """Whether nothing has joined a family."""
+    return set(new.products) <= set(old.products) and set(new.densities) <= set(old.densities)
+
+
+def join(assembly: Assembly, g: int, solution: Solution, *, drop: bool = False) -> Family:
+    """Return group g's family with the products and densities of its pool that the dual matrix prices lowest.
+
+    A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation, which no choice of units can change.
+    With `drop` only the best priced of the old ones stay.
+    """
     family = assembly.families[g]
     price, worth = assembly.prices(g, solution.X)
-    candidates = np.triu(price, 1)
-    candidates[tuple(np.array(family.products, int).reshape(-1, 2).T)] = 0.0
-    k, j = np.unravel_index(np.argsort(candidates, axis=None)[:JOINING], candidates.shape)
-    products = tuple((int(a), int(b)) for a, b in zip(k, j, strict=True) if candidates[a, b] < 0)
-    worth = np.nan_to_num(worth + solution.upper, nan=0.0)
-    worth[list(family.densities)] = 0.0
-    densities = tuple(int(a) for a in np.argsort(worth)[: JOINING // 2] if worth[a] < 0)
-    return Family(family.forms, family.densities + densities, family.products + products)
+    length = np.sqrt(0.5 * np.diag(price))
+    price, worth = price / np.outer(length, length), np.nan_to_num((worth + solution.upper) / length, nan=np.inf)
+    old = sorted(family.products, key=lambda pair: price[pair])[: KEPT if drop else None]
+    densities = sorted(family.densities, key=lambda k: worth[k])[: KEPT // 2 if drop else None]
+    price[np.tril_indices(len(price))] = np.inf
+    price[tuple(np.array(family.products, int).reshape(-1, 2).T)] = np.inf
+    worth[list(family.densities)] = np.inf
+    k, j = np.unravel_index(np.argsort(price, axis=None)[:JOINING], price.shape)
+    old += [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
+    densities += [int(k) for k in np.argsort(worth)[: JOINING // 2] if worth[k] < 0]
+    return Family(family.forms, tuple(densities), tuple(old))
