@@ -16,6 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 import persid_check
+from persid import bounds
 from persid.errors import PersidError
 from persid.files import write_atomically
 from persid.functions import scalar_function
@@ -88,6 +89,60 @@ class Certificate:
         rows = [[value(pair) for pair in row] for row in stored["lower"]]
         lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
         return lower + np.tril(lower, -1).T
+
+    @property
+    def rate(self) -> float | None:
+        """The decay rate kappa/2 of the state, in 1/s, rounded down; None for claims G and M, which have none."""
+        return bounds.below(bounds.exact(self.content["kappa"]) / 2) if self.claim in ("E", "R") else None
+
+    @property
+    def gain(self) -> float | None:
+        """The gain sqrt(gamma/(kappa p)) from sup|u - u*| to |x - x*|, rounded up; None for claims G and M."""
+        return bounds.above(bounds.gain(self.content)) if self.claim in ("E", "R") else None
+
+    @property
+    def input_bound(self) -> float | None:
+        """The admissible sup|u - u*| of a regional claim, rounded down; None for global claims."""
+        return bounds.below(bounds.exact(self.content["input_bound"])) if self.claim == "R" else None
+
+    @property
+    def level(self) -> float | None:
+        """The level c of the certified region {V <= c} of a regional claim; None for global claims."""
+        return bounds.below(bounds.exact(self.content["level"])) if self.claim == "R" else None
+
+    def overshoot(self, x0: Float[ndarray, " n"]) -> float:
+        """Return sqrt(V(x0)/p), rounded up: without input |x(t) - x*| never exceeds it.
+
+        Raises:
+            PersidError: the claim has no rate, or x0 lies outside the certified region.
+        """
+        self._estimated(x0)
+        return bounds.above(bounds.overshoot(self.content, x0))
+
+    def bound(self, x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
+        """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
+
+        Rounded outwards, in the user's units; where b counts as one more input (no operating point), it is included.
+
+        Raises:
+            PersidError: the claim has no rate, x0 lies outside the certified region, or u_sup exceeds its input bound.
+        """
+        self._estimated(x0)
+        if self.input_bound is not None and u_sup > self.input_bound:
+            raise PersidError(f"sup|u - u*| = {u_sup:g} exceeds the {self.input_bound:g} that the certificate admits")
+        if self.content["operating_point"] is None and self.model.b.any():
+            u_sup = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf))
+        return bounds.bound(self.content, x0, u_sup, np.asarray(t, float))
+
+    def _estimated(self, x0: ndarray) -> None:
+        if self.claim not in ("E", "R"):
+            raise PersidError(f"claim {self.claim} has no rate and no gain; certify gives them (claim E) where it can")
+        if self.claim == "R":
+            box = np.array([[value(pair) for pair in side] for side in self.content["box"]])
+            inside = (box[:, 0] <= x0).all() and (x0 <= box[:, 1]).all()
+            level = bounds.exact(self.content["level"])
+            if not (inside and bounds.Fraction(bounds.above(bounds.lyapunov(self.content, x0).hi)) <= level):
+                raise PersidError(f"x0 = {np.asarray(x0).tolist()} is not proved to lie in the certified region")
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
         """Return the Lyapunov function at states x (N, n): V(x) = dx'P dx + 2 sum of integrals, dx = x - x*."""

@@ -168,10 +168,11 @@ def certify(
         if isinstance(verdict, Certified | Refuted):
             return verdict
         box = model.domain if box is None else box
-        regional = _regional(model, points, box, log) if box is not None and points else None
+        regional = (Reason.OUTSIDE, "") if box is None else _regional(model, points, box, log)
         if isinstance(regional, Certificate):
             return Certified(regional, tuple(log.attempts))
-        return verdict or Undecided(*(regional or (Reason.OUTSIDE, "No equilibrium was found.")), tuple(log.attempts))
+        reason = regional if verdict is None else (verdict.reason, verdict.detail)
+        return Undecided(*reason, tuple(log.attempts))
     except KeyboardInterrupt:
         return Undecided(Reason.INTERRUPTED, "Run it again with more time.", tuple(log.attempts))
 

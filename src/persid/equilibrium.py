@@ -47,7 +47,8 @@ def find_operating_point(
         raise ModelError(f"u needs {model.m} numbers and near {model.n}, not {u.shape} and {centre.shape}")
     found: list[ndarray] = []
     for start in _starts(model, centre, seed):
-        x = _newton(model, start, u)
+        with np.errstate(all="ignore"):
+            x = _newton(model, start, u)
         if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * _scale(model)) for other in found):
             found.append(x)
     found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
@@ -91,13 +92,14 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | Non
     """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method, then polish by Newton steps."""
     from scipy.optimize import root
 
-    with np.errstate(all="ignore"):
-        result = root(lambda x: np.nan_to_num(model.rhs(x, u), posinf=1e200, neginf=-1e200), start, jac=model.jacobian)
-        x = result.x
-        try:
-            for _ in range(3):
-                x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
-        except np.linalg.LinAlgError:
-            return None
+    def bounded(values: ndarray) -> ndarray:
+        return np.nan_to_num(values, nan=1e100, posinf=1e100, neginf=-1e100)
+
+    x = root(lambda x: bounded(model.rhs(x, u)), start, jac=lambda x: bounded(model.jacobian(x))).x
+    try:
+        for _ in range(3):
+            x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
+    except np.linalg.LinAlgError:
+        return None
     residual = np.abs(model.rhs(x, u)).max() if np.isfinite(x).all() else np.inf
     return x if residual <= 1e-9 * (1 + np.abs(model.jacobian(x)).max() * np.abs(x - model.x_ref).max()) else None

@@ -17,7 +17,10 @@ from persid.sector import Curve, Group, Place, axes, groups, nondecreasing_pool,
 
 @dataclass(eq=False)
 class Setting:
-    """The pools shrink while proofs are made: a form that is not proved leaves, a constant that is not proved weakens."""
+    """The pools shrink while proofs are made: a form that is not proved leaves, a constant that is not proved weakens.
+
+    In a V with a rate stand only nondecreasing forms, whose constant c = 1 needs no further proof, and functions alone.
+    """
 
     model: PersidskiiModel
     point: OperatingPoint | None
@@ -37,9 +40,13 @@ class Setting:
         found = groups(model.channels, _place(model, point, box))
         pools, upper, below = {}, {}, {}
         for curve in dict.fromkeys(group.curve for group in found):
-            forms = np.array(list(dict.fromkeys([*pool(curve), *nondecreasing_pool(curve), *axes(curve)]))).reshape(-1, curve.size)
+            rising, alone = nondecreasing_pool(curve), axes(curve)
+            listed = list(dict.fromkeys([*rising, *pool(curve), *alone]))
+            forms = np.array(listed).reshape(-1, curve.size)
             pools[curve] = forms
-            upper[curve] = upper_constants(curve, forms)
+            simple = np.array([form in alone for form in listed], bool)
+            upper[curve] = np.where([form in rising for form in listed], 1.0, np.nan)
+            upper[curve][simple] = upper_constants(curve, forms[simple])
             below[curve] = lower_constants(curve, forms) if box is not None else np.zeros(len(forms))
         return cls(model, point, box, found, pools, upper, below)
 

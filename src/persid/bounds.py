@@ -1,0 +1,132 @@
+"""Rigorous numbers of a certificate: V at a state, and the bound of |x(t) - x*| (claims E and R), rounded outwards.
+
+    |x(t) - x*| <= sqrt(V(x0) / p) exp(-kappa t / 2) + sqrt(gamma / (kappa p)) sup|u - u*|
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from flint import arb, ctx, fmpq
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid_check.enclosure import Interval, between, constant, value, value_and_slope
+from persid_check.expression import Program
+from persid_check.model import read_model, groups_of
+
+PIECES = 256  # of an integral; the error of the enclosure falls with their square
+BITS = 128
+
+
+def exact(pair: Sequence[int]) -> Fraction:
+    """Return a dyadic [mantissa, exponent] as a fraction."""
+    return Fraction(pair[0]) * Fraction(2) ** pair[1]
+
+
+def below(number: Fraction) -> float:
+    """Return a float that is not larger."""
+    nearest = float(number)
+    return nearest if Fraction(nearest) <= number else math.nextafter(nearest, -math.inf)
+
+
+def above(ball: arb) -> float:
+    """Return a float that is not smaller than any number of a ball."""
+    mantissa, exponent = ball.upper().man_exp()
+    return -below(-Fraction(int(mantissa)) * Fraction(2) ** int(exponent))
+
+
+def gain(content: Mapping[str, Any]) -> arb:
+    """Return sqrt(gamma / (kappa p)) of a certificate's content."""
+    return _ball(exact(content["gamma"]) / (exact(content["kappa"]) * exact(content["p"]))).sqrt()
+
+
+def overshoot(content: Mapping[str, Any], x0: Float[ndarray, " n"]) -> arb:
+    """Return sqrt(V(x0) / p)."""
+    with ctx.workprec(BITS):
+        enclosed = lyapunov(content, x0)
+        return (abs(enclosed.ball()) / _ball(exact(content["p"]))).sqrt()
+
+
+def bound(
+    content: Mapping[str, Any], x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray, " N"]
+) -> Float[ndarray, " N"]:
+    """Return the bound of |x(t) - x*| at times t (s) for inputs with sup|u - u*| <= u_sup."""
+    with ctx.workprec(BITS):
+        start, rate = overshoot(content, x0), _ball(exact(content["kappa"]) / 2)
+        steady = gain(content) * arb(float(u_sup))
+        return np.array([above(start * (-rate * arb(float(s))).exp() + steady) for s in t])
+
+
+def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
+    """Return an enclosure of V(x), for every x* in the ball of the operating point."""
+    model = read_model(content["model"])
+    point = content["operating_point"]
+    centre = model.x_ref if point is None else [exact(pair) for pair in point["x"]]
+    radius = Fraction(0) if point is None else exact(point["radius"])
+    star = [between(c - radius, c + radius) for c in centre]
+    dx = [constant(Fraction(float(v))) - s for v, s in zip(x, star, strict=True)]
+    total = _quadratic(content["P"], dx)
+    for group, stored in zip(groups_of(model), content["groups"], strict=True):
+        weights = _density(stored, 1 + len(group.members))
+        y = _along(group.row, dx)
+        at = _along(group.row, [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)])
+        total = total + constant(weights[0]) * y.power(Fraction(2))
+        for weight, (c, alpha) in zip(weights[1:], group.members, strict=True):
+            if weight:
+                shift = at if point is not None else None
+                total = total + constant(2 * weight) * _integral(model.channels[c].program, alpha, y, shift)
+    return total
+
+
+def _ball(number: Fraction) -> arb:
+    return arb(fmpq(number.numerator, number.denominator))
+
+
+def _quadratic(stored: Mapping[str, Any], dx: Sequence[Interval]) -> Interval:
+    total = constant(Fraction(0))
+    if "diagonal" in stored:
+        for pair, v in zip(stored["diagonal"], dx, strict=True):
+            total = total + constant(exact(pair)) * v.power(Fraction(2))
+        return total
+    for i, row in enumerate(stored["lower"]):
+        for j, pair in enumerate(row):
+            factor = constant(exact(pair) * (1 if i == j else 2))
+            total = total + factor * (dx[i].power(Fraction(2)) if i == j else dx[i] * dx[j])
+    return total
+
+
+def _density(stored: Mapping[str, Any], size: int) -> list[Fraction]:
+    total = [Fraction(0)] * size
+    for mu, form in zip(stored["mu"], stored["forms"], strict=True):
+        total = [a + exact(mu) * exact(c) for a, c in zip(total, form, strict=True)]
+    return total
+
+
+def _along(row: Mapping[int, Fraction], dx: Sequence[Interval]) -> Interval:
+    total = constant(Fraction(0))
+    for i, r in row.items():
+        total = total + constant(r) * dx[i]
+    return total
+
+
+def _integral(program: Program, alpha: Fraction, y: Interval, at: Interval | None) -> Interval:
+    """Enclose the integral of f(alpha (at + s)) - f(alpha at) over s from 0 to y (at = None: of f(alpha s)).
+
+    On a piece of width h about its middle m, g(m) + g'(.) (s - m) integrates to h g(m) with an error of at most
+    h^2/4 times half the width of the range of g'.
+    """
+    a, base = constant(alpha), constant(Fraction(0))
+    offset = base if at is None else a * at
+    if at is not None:
+        base = value(program, offset)
+    total = constant(Fraction(0))
+    for k in range(PIECES):
+        middle = constant(Fraction(2 * k + 1, 2 * PIECES)) * y
+        piece = between(Fraction(k, PIECES), Fraction(k + 1, PIECES)) * y
+        _, slope = value_and_slope(program, offset + a * piece, a)
+        half = constant(Fraction(1, 8 * PIECES)) * (slope - slope) * y  # symmetric: +- half the width of the slopes
+        total = total + value(program, offset + a * middle) - base + half
+    return constant(Fraction(1, PIECES)) * y * total
