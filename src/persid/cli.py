@@ -1,8 +1,4 @@
-"""The command line: parse, call, print. No mathematics here.
-
-Exit codes: 0 certified, accepted or done; 1 refuted or rejected, and nothing else; 2 wrong use, bad input or a
-malformed file; 3 undecided; 4 internal error; 130 interrupted.
-"""
+"""The command line: parse, call, print. No mathematics here."""
 
 import os
 import shlex
@@ -23,6 +19,14 @@ if TYPE_CHECKING:
     from persid.trajectories import Trajectories
 
 DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 4, 130
+EXIT_CODES = {
+    DONE: "certified, accepted or done",
+    REFUTED: "refuted or rejected, and nothing else",
+    WRONG: "wrong use, bad input or a malformed file",
+    UNDECIDED: "undecided",
+    INTERNAL: "internal error",
+    INTERRUPTED: "interrupted",
+}
 EXIT = {"certified": DONE, "refuted": REFUTED, "undecided": UNDECIDED}
 
 THE_PATH = """\
@@ -36,8 +40,7 @@ persid goes from measurements to a checked proof of stability:
 @click.group(
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit codes: 0 certified, accepted or done; 1 refuted or rejected; 2 wrong use or bad input; 3 undecided; "
-    "4 internal error; 130 interrupted.",
+    epilog=f"Exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in EXIT_CODES.items())}.",
 )
 @click.option("--version", is_flag=True, is_eager=True, help="Print the version and exit.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
@@ -187,9 +190,10 @@ def certify(
 @click.option("--explain", is_flag=True, help="Print the steps of the proof.")
 @talking
 def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, quiet: bool) -> int:
-    """Check a certificate with the independent checker, in exact arithmetic, from the file alone.
+    """Check a certificate, exactly, from the file alone.
 
-    The same without persid, with Python and python-flint only: python -m persid_check CERTIFICATE.json
+    This is the independent checker. The same without persid, with Python and python-flint only:
+    python -m persid_check CERTIFICATE.json
 
     \b
     Example:
@@ -216,7 +220,9 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The CSV file to write.")
 @talking
 def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: bool, **inputs: Any) -> int:
-    """Simulate a model and write t, states and inputs as CSV; without inputs given, they stay at u_ref.
+    """Simulate a model and write t, states and inputs as CSV.
+
+    Without --input or --inputs-csv the inputs stay at u_ref. A run that diverges ends there, and this is said.
 
     \b
     Example:
@@ -245,7 +251,9 @@ def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: b
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="OUT")
 @talking
 def report(folder: Path, as_json: bool, quiet: bool) -> int:
-    """Build the report page again from the files in OUT; the certificate is checked again on the way.
+    """Build the report page again from the files in OUT.
+
+    The proof is checked again on the way. What needs the measurements is left out where they have changed.
 
     \b
     Example:

@@ -35,7 +35,7 @@ class Summary:
 def summarize(verdict: Any) -> Summary:
     """Return the brief of a verdict of `persid.certify`."""
     name = type(verdict).__name__.lower()
-    seconds = round(verdict.seconds, 3)
+    seconds = round(math.fsum(attempt.seconds for attempt in verdict.attempts), 3)
     if isinstance(verdict, Certified):
         certificate = verdict.certificate
         point = [float(x) for x in certificate.operating_point]
