@@ -15,9 +15,10 @@ from persid.equilibrium import OperatingPoint, find_operating_point
 from persid.errors import ModelError
 from persid.interior_point import Status
 from persid.model import PersidskiiModel
+from persid.obstruction import Obstruction, find_obstruction
 from persid.proof import Lyapunov, choose, write
 from persid.rates import Question, best_rate, smallest_gain
-from persid.search import Outcome, search
+from persid.search import search
 from persid.setting import Setting
 from persid.witness import Witness, find_witness
 
@@ -31,7 +32,8 @@ Progress = Callable[[str], None]
 class Reason(Enum):
     """Why a model stays undecided, as a full sentence."""
 
-    INFEASIBLE = "The search showed that the Lyapunov functions of this family have no positive margin."
+    INFEASIBLE = "It is proved that no certificate exists in the family of Lyapunov functions that was searched."
+    NOT_FOUND = "The search found no Lyapunov function."
     ROUNDING = "A Lyapunov function was found in floating point, but its margin was lost in exact arithmetic."
     FORM = "A property of the functions that a proof needs could not be proved."
     STALLED = "The solver stalled before the sign of the margin was decided."
@@ -92,17 +94,33 @@ class Refuted(_Verdict):
 
 @dataclass(frozen=True, eq=False)
 class Undecided(_Verdict):
-    """Neither a proof nor a witness was found; `reason` is a full sentence, `detail` what it was about and what to try."""
+    """Neither a proof nor a witness was found; `reason` is a full sentence, `detail` what it was about and what to try.
+
+    `obstruction` proves the reason where it is INFEASIBLE; it does not refute stability.
+    """
 
     reason: Reason
     detail: str = ""
     attempts: tuple[Attempt, ...] = ()
+    obstruction: Obstruction | None = None
 
     def __str__(self) -> str:
         return f"Undecided: {self.reason.value} {self.detail}".rstrip()
 
 
 Verdict = Certified | Refuted | Undecided
+
+
+@dataclass(frozen=True, eq=False)
+class _Failure:
+    """Why an attempt found no certificate."""
+
+    reason: Reason
+    detail: str
+    obstruction: Obstruction | None = None
+
+    def undecided(self, log: "_Log") -> Undecided:
+        return Undecided(self.reason, self.detail, tuple(log.attempts), self.obstruction)
 
 
 @dataclass
@@ -168,11 +186,11 @@ def certify(
         if isinstance(verdict, Certified | Refuted):
             return verdict
         box = model.domain if box is None else box
-        regional = (Reason.OUTSIDE, "") if box is None else _regional(model, points, box, log)
+        regional = None if box is None else _regional(model, points, box, log)
         if isinstance(regional, Certificate):
             return Certified(regional, tuple(log.attempts))
-        reason = regional if verdict is None else (verdict.reason, verdict.detail)
-        return Undecided(*reason, tuple(log.attempts))
+        failure = verdict if isinstance(verdict, _Failure) else regional
+        return (failure or _Failure(Reason.OUTSIDE, "No box was given.")).undecided(log)
     except KeyboardInterrupt:
         return Undecided(Reason.INTERRUPTED, "Run it again with more time.", tuple(log.attempts))
 
@@ -191,7 +209,9 @@ def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
     return box
 
 
-def _global(model: PersidskiiModel, points: tuple[OperatingPoint, ...], u_op: Any, log: _Log) -> Verdict:
+def _global(
+    model: PersidskiiModel, points: tuple[OperatingPoint, ...], u_op: Any, log: _Log
+) -> Certified | Refuted | _Failure:
     """Refute if that is cheap; else try a diagonal P, then a full P where the size allows it."""
     u = model.u_ref if u_op is None else np.asarray(u_op, float)
     with log.attempt("witnesses against stability") as outcome:
@@ -207,7 +227,7 @@ def _global(model: PersidskiiModel, points: tuple[OperatingPoint, ...], u_op: An
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             return Certified(_rated(setting, kind == "full", answer, log), tuple(log.attempts))
-    return Undecided(*answer, tuple(log.attempts))
+    return answer
 
 
 def _rated(setting: Setting, full_P: bool, certificate: Certificate, log: _Log) -> Certificate:
@@ -222,9 +242,9 @@ def _rated(setting: Setting, full_P: bool, certificate: Certificate, log: _Log) 
 
 def _regional(
     model: PersidskiiModel, points: tuple[OperatingPoint, ...], box: ndarray, log: _Log
-) -> Certificate | tuple[Reason, str]:
+) -> Certificate | _Failure:
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
-    answer: Certificate | tuple[Reason, str] = (Reason.OUTSIDE, "No equilibrium was found inside the box.")
+    answer: Certificate | _Failure = _Failure(Reason.OUTSIDE, "No equilibrium was found inside the box.")
     for point in points:
         reach = np.minimum(point.x - box[:, 0], box[:, 1] - point.x) - point.radius
         if not (reach > 0).all():
@@ -240,13 +260,13 @@ def _regional(
     return answer
 
 
-def _word(answer: Certificate | tuple[Reason, str]) -> str:
-    return f"certified, claim {answer.claim}" if isinstance(answer, Certificate) else answer[0].name.lower()
+def _word(answer: Certificate | _Failure) -> str:
+    return f"certified, claim {answer.claim}" if isinstance(answer, Certificate) else answer.reason.name.lower()
 
 
 def _settled(
-    setting: Setting, find: Callable[[], Lyapunov | tuple[Reason, str]], log: _Log
-) -> Certificate | tuple[Reason, str]:
+    setting: Setting, find: Callable[[], Lyapunov | _Failure], log: _Log
+) -> Certificate | _Failure:
     """Find, prove what is used, write and check; what cannot be proved leaves the pools, and the search is made again."""
     while True:
         try:
@@ -259,42 +279,42 @@ def _settled(
                 log.progress("checking in exact arithmetic")
                 return Certificate.accept(write(setting.model, found, setting.point, setting.box, reach=setting.reach))
         except RoundingError as error:
-            return Reason.ROUNDING, str(error)
+            return _Failure(Reason.ROUNDING, str(error))
         for line in dropped:
             log.progress(f"not proved and dropped: {line}")
         if log.left() <= 0:
-            return Reason.TIME, "Give more time (time_limit)."
+            return _FAILURES[Status.TIME]
 
 
-def _margin(setting: Setting, full_P: bool, log: _Log) -> Lyapunov | tuple[Reason, str]:
+def _margin(setting: Setting, full_P: bool, log: _Log) -> Lyapunov | _Failure:
     """Return a Lyapunov function with V' < 0 and no rate asked for."""
     found = search(setting.system, setting.pools, full_P=full_P, time_limit=log.left(), progress=log.progress)
-    return choose(found.assembly, found.solution.y) if found.status is Status.FEASIBLE else _reason(found)
+    if found.status is Status.FEASIBLE:
+        return choose(found.assembly, found.solution.y)
+    obstruction = find_obstruction(setting.model, found) if found.status is Status.INFEASIBLE else None
+    return _FAILURES.get(found.status, _FAILURES[Status.STALLED]) if obstruction is None else _Failure(Reason.INFEASIBLE, _TRY, obstruction)
 
 
 def _rate_and_gain(
     setting: Setting, full_P: bool, reach: ndarray | None, log: _Log
-) -> Lyapunov | tuple[Reason, str]:
+) -> Lyapunov | _Failure:
     """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate."""
     fastest = -2 * float(np.linalg.eigvals(setting.jacobian).real.max())
     if fastest <= 0:
-        return Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable."
+        return _Failure(Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable.")
     shape = None if reach is None else 1 / reach**2
     question = Question(setting.system, setting.pools, setting.upper, setting.below, full_P, shape)
     best = best_rate(question, fastest, log.left)
     if best is None:
-        return _REASONS[Status.TIME if log.left() <= 0 else Status.INFEASIBLE]
+        return _FAILURES[Status.TIME if log.left() <= 0 else Status.INFEASIBLE]
     gentle = smallest_gain(question, RATE_SHARE * best.assembly.target.kappa, best, log.left) or best
     return choose(gentle.assembly, gentle.solution.y, setting.lower)
 
 
-def _reason(found: Outcome) -> tuple[Reason, str]:
-    return _REASONS.get(found.status, _REASONS[Status.STALLED])
-
-
-_REASONS = {
-    Status.INFEASIBLE: (Reason.INFEASIBLE, "Fit with more ridge or fewer functions, or ask for a regional claim."),
-    Status.STALLED: (Reason.STALLED, "The margin is close to zero: a little more ridge usually decides it."),
-    Status.TIME: (Reason.TIME, "Give more time (time_limit)."),
-    Status.INTERRUPTED: (Reason.INTERRUPTED, "Run it again with more time."),
+_TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
+_FAILURES = {
+    Status.INFEASIBLE: _Failure(Reason.NOT_FOUND, _TRY),
+    Status.STALLED: _Failure(Reason.STALLED, "The margin is close to zero: a little more ridge usually decides it."),
+    Status.TIME: _Failure(Reason.TIME, "Give more time (time_limit)."),
+    Status.INTERRUPTED: _Failure(Reason.INTERRUPTED, "Run it again with more time."),
 }

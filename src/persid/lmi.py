@@ -374,19 +374,26 @@ def _interior(system: System, units: Scaling) -> ndarray:
     count = SAMPLES * system.entries + 20
     magnitude = np.exp(rng.uniform(np.log(0.1), np.log(5.0), (count, system.n)))
     x = magnitude * rng.choice([-1.0, 1.0], magnitude.shape) * units.states
+    x *= np.min([np.ones(count), *(_share_inside(group, x) for group in system.groups)], axis=0)[:, None]
     z = np.zeros((count, system.entries))
     z[:, : len(system.states)] = x[:, list(system.states)]
     for group in system.groups:
-        y = x @ group.row
-        if group.curve.domain is not None:
-            low, high = (float(end) for end in group.curve.domain)
-            y = np.where(y < 0, -low, high) * np.tanh(y / np.where(y < 0, -low, high))
         with np.errstate(over="ignore"):
-            z[:, [system.places[c] for c in group.channels]] = np.clip(group.curve.values(y)[:, 1:], -1e6, 1e6)
+            values = group.curve.values(x @ group.row)[:, 1:]
+        z[:, [system.places[c] for c in group.channels]] = np.clip(values, -1e6, 1e6)
     z /= units.entries
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     X = z.T @ z / count
     return X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X)
+
+
+def _share_inside(group: Group, x: ndarray) -> ndarray:
+    """Return the factors by which points x must shrink so that r'x lies well inside the domain of a group."""
+    if group.curve.domain is None:
+        return np.ones(len(x))
+    y = x @ group.row
+    limit = np.where(y < 0, -float(group.curve.domain[0]), float(group.curve.domain[1]))
+    return np.minimum(1.0, 0.98 * limit / np.maximum(np.abs(y), 1e-300))
 
 
 def theorem_1(
