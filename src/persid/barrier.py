@@ -1,0 +1,386 @@
+r"""Least squares under a matrix inequality that is bilinear in the model and its Lyapunov function: a barrier method.
+
+    minimise  f(w) = 1/2 (w - w0)'M (w - w0)   subject to   Z(w, y) >= 0,   P(y) >= 0,   y_k >= 0,   c'y = 1
+
+w are the coefficients of the flow F = [G, B] (affine in w), y the numbers of the Lyapunov function and the multipliers,
+
+    Z = -(E F + F'E') - kappa W - S - delta I,      E = E(y) half the gradient of V,  S = S(y) the products of forms.
+
+Every unknown enters the derivative of Z through pairs of rows of one matrix D = [S; rho F; E'], those of the model too:
+the coefficient at place (i, c) of F has the pair (e_c, E'_i). So with V = D Z^-1 D' the Hessian of -log det Z is made of
+elementwise products of blocks of V, as in `interior_point`, and the term that the bilinearity adds is one block of V:
+
+    d2(E F + F'E') = rho_i (l e_c' + e_c l')   for a density or an entry of P with the pair (l, rho F) and a coefficient.
+
+Each Newton step takes that block whole where the Hessian stays positive definite, else the part of it that does.
+References: Nesterov & Nemirovskii (1994), ch. 2; Fares, Noll & Apkarian (2002), SIAM J. Control Optim. 40(6) (bilinear ones).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy import sparse
+
+BLOCK = 64  # rows of the Hessian made at once: what they gather from stays in the cache
+SHRINK = 0.2  # of the barrier's weight from one centre to the next
+NEAR = 0.3  # Newton decrement, in units of the barrier's weight, at which a centre is near enough
+SHARES = (1.0, 0.5, 0.0)  # of the bilinear block that are tried in the Hessian
+SHORTEST = 1e-8  # a step length below which a search along the Newton direction gives up
+PULL = 1e-3  # weight of the fit, in units of the barrier's, while a feasible point is sought
+
+
+class Stop(Enum):
+    """Why a descent stopped, as a full sentence."""
+
+    OPTIMAL = "The fit is as good as the certificate allows near this start."
+    STALLED = "Steps became too short; the best point so far is kept."
+    INFEASIBLE = "No point that satisfies the matrix inequality was found from this start."
+    STEPS = "The number of steps was used up; the best point so far is kept."
+    TIME = "The time limit was reached; the best point so far is kept."
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Terms p q' + q p' of Z's derivative: rows of D by number, the unknown each belongs to, and its weight in it."""
+
+    p: Int[ndarray, " K"]
+    q: Int[ndarray, " K"]
+    owner: Int[ndarray, " K"]
+    weight: Float[ndarray, " K"]
+
+
+@dataclass(frozen=True, eq=False)
+class Inequality:
+    """Z(w, y) > 0 with the unknowns u = (w, y).
+
+    `S` are rows in z (and inputs), the first being unit rows; `rho` (h x n) gradients with their constants `upper`, of
+    which row h stands for rho_h (F + kappa upper_h I). `gradient` pairs (row of S, row of rho) are in y, `product` pairs
+    (two rows of S) in y, `flow` pairs (column c, row i of F) in w. `base` is F at w = 0. y begins with the entries of P:
+    `symmetric` > 0 is the order of a full P, else `diagonal` entries come first and every y is positive. `cost` is c. `coefficients` counts w,
+    with those that no pair has: inputs and constants.
+    """
+
+    S: Float[ndarray, "s W"]
+    rho: Float[ndarray, "h n"]
+    upper: Float[ndarray, " h"]
+    base: Float[ndarray, "n W"]
+    states: Int[ndarray, " k"]
+    gradient: Pairs
+    product: Pairs
+    flow: Pairs
+    cost: Float[ndarray, " J"]
+    symmetric: int
+    kappa: float
+    delta: float
+    coefficients: int
+
+    @property
+    def free(self) -> int:
+        """Number of entries of a full P."""
+        return self.symmetric * (self.symmetric + 1) // 2
+
+    @property
+    def barriers(self) -> int:
+        """Order of all inequalities together: how much a unit of the barrier's weight costs at its centre."""
+        return self.S.shape[1] + self.symmetric + len(self.cost) - self.free
+
+    def flows(self, w: Float[ndarray, " K"]) -> Float[ndarray, "n W"]:
+        """Return F."""
+        F = self.base.copy()
+        np.add.at(F, (self.flow.q, self.flow.p), self.flow.weight * w[self.flow.owner])
+        return F
+
+    def slopes(self, y: Float[ndarray, " J"]) -> Float[ndarray, "W n"]:
+        """Return E."""
+        g = self.gradient
+        return self.S[g.p].T @ ((g.weight * y[g.owner])[:, None] * self.rho[g.q])
+
+    def rows(self, F: ndarray, E: ndarray) -> Float[ndarray, "d W"]:
+        """Return D = [S; rho (F + kappa upper I); E']."""
+        H = self.rho @ F
+        if self.kappa:
+            H[:, : len(self.states)] += self.kappa * self.upper[:, None] * self.rho[:, self.states]
+        return np.vstack([self.S, H, E.T])
+
+    def matrix(self, D: ndarray, y: ndarray) -> Float[ndarray, "W W"]:
+        """Return Z."""
+        g, t, s = self.gradient, self.product, len(self.S)
+        half = self.S[g.p].T @ ((g.weight * y[g.owner])[:, None] * D[s + g.q])
+        half += self.S[t.p].T @ ((t.weight * y[t.owner])[:, None] * self.S[t.q])
+        return -(half + half.T) - self.delta * np.eye(self.S.shape[1])
+
+    def P(self, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
+        """Return the full matrix P(y), of order 0 where P is diagonal."""
+        P = np.zeros((self.symmetric, self.symmetric))
+        P[np.triu_indices(self.symmetric)] = y[: self.free]
+        return P + P.T
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The convex function f(w) = 1/2 (w - w0)'M (w - w0)."""
+
+    M: Float[ndarray, "K K"]
+    w0: Float[ndarray, " K"]
+
+    def __call__(self, w: Float[ndarray, " K"]) -> float:
+        """Return f."""
+        return 0.5 * float((w - self.w0) @ self.M @ (w - self.w0))
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Unknowns and slack: Z + slack I, P and y are positive definite; feasible where the slack is 0."""
+
+    w: Float[ndarray, " K"]
+    y: Float[ndarray, " J"]
+    slack: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """How a descent ended: the last strictly feasible point (None: there was none), its fit, one log line per centre."""
+
+    stop: Stop
+    point: Point | None
+    fit: float
+    steps: int
+    log: tuple[str, ...]
+
+
+def descend(
+    inequality: Inequality,
+    fit: Fit,
+    start: Point,
+    *,
+    tolerance: float = 1e-3,
+    time_limit: float = np.inf,
+    steps: int = 300,
+    first: float | None = None,
+) -> Descent:
+    """Follow the centres of f + beta barrier from a start down to the fit's best value, to within `tolerance` absolutely.
+
+    A start with slack is first led into the feasible region, near where f is small. `first` is the first beta.
+    """
+    started, log = time.perf_counter(), []
+    state = _State.at(inequality, start)
+    if state is None:
+        return Descent(Stop.INFEASIBLE, None, np.inf, 0, ())
+    last = tolerance / inequality.barriers
+    beta = max(first if first is not None else fit(start.w) / inequality.barriers, last)
+    count, stop = 0, Stop.OPTIMAL
+    seeking = start.slack > 0
+    while True:
+        pull = PULL * beta / max(fit(state.point.w), 1e-12) if seeking else 1.0
+        moved = _step(inequality, fit, state, beta, pull, seeking)
+        count += 1
+        if moved is not None:
+            state, decrement = moved
+        if seeking and state.point.slack <= 0:
+            state = _State.at(inequality, Point(state.point.w, state.point.y)) or state
+            seeking, beta = False, max(fit(state.point.w) / inequality.barriers, last)
+            log.append(f"{count:3d}  feasible, fit {fit(state.point.w):.4g}")
+            continue
+        if time.perf_counter() - started > time_limit:
+            stop = Stop.TIME
+            break
+        if count >= steps:
+            stop = Stop.STEPS
+            break
+        if moved is None or decrement < NEAR:
+            log.append(f"{count:3d}  beta {beta:.1e}  fit {fit(state.point.w):.6g}  slack {state.point.slack:.1e}")
+            if beta <= last:
+                stop = Stop.OPTIMAL if moved is not None else Stop.STALLED
+                break
+            beta = max(beta * SHRINK, last * 1e-3 if seeking else last)
+    if seeking:
+        return Descent(Stop.INFEASIBLE if stop is not Stop.TIME else Stop.TIME, None, np.inf, count, tuple(log))
+    return Descent(stop, state.point, fit(state.point.w), count, tuple(log))
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A point with what its barrier needs: D, the Cholesky factor of Z + slack I, and P."""
+
+    point: Point
+    D: ndarray
+    L: ndarray
+    P: ndarray
+    barrier: float
+
+    @classmethod
+    def at(cls, inequality: Inequality, point: Point) -> "_State | None":
+        """Return the state, or None where the point is not strictly inside."""
+        positive = point.y[inequality.free :]
+        if not (positive > 0).all():
+            return None
+        P = inequality.P(point.y)
+        D = inequality.rows(inequality.flows(point.w), inequality.slopes(point.y))
+        Z = inequality.matrix(D, point.y)
+        Z[np.diag_indices_from(Z)] += point.slack
+        L, failed = sla.lapack.dpotrf(Z, lower=1, clean=1)
+        R, failed_P = sla.lapack.dpotrf(P, lower=1) if len(P) else (P, 0)
+        if failed or failed_P:
+            return None
+        logarithms = 2 * np.log(np.diag(L)).sum() + 2 * np.log(np.diag(R)).sum() + np.log(positive).sum()
+        return cls(point, D, L, P, -float(logarithms))
+
+
+def _step(
+    inequality: Inequality, fit: Fit, state: _State, beta: float, pull: float, seeking: bool
+) -> tuple[_State, float] | None:
+    """Take one damped Newton step for pull f + beta barrier (+ slack); return the state and the decrement over beta."""
+    K, point = inequality.coefficients, state.point
+    g, Gauss, bilinear = _derivatives(inequality, state)
+    g *= beta
+    g[:K] += pull * (fit.M @ (point.w - fit.w0))
+    H = beta * Gauss
+    H[:K, :K] += pull * fit.M
+    c = np.concatenate([np.zeros(K), inequality.cost])
+    if seeking:
+        g, H, c = _with_slack(inequality, state, g, H, c, beta)
+    d = None
+    for share in SHARES:
+        d = _direction(H, beta * share * bilinear, K, g, c)
+        if d is not None:
+            break
+    if d is None:
+        return None
+    slope = float(g @ d)
+    following = _search(inequality, fit, state, d, slope, beta, pull, seeking)
+    return None if following is None else (following, -slope / beta)
+
+
+def _direction(H: ndarray, bilinear: ndarray, K: int, g: ndarray, c: ndarray) -> ndarray | None:
+    """Return the Newton direction that keeps c'y, or None where the Hessian is not positive definite."""
+    A = H.copy()
+    J = bilinear.shape[1]
+    A[:K, K : K + J] += bilinear
+    A[K : K + J, :K] += bilinear.T
+    scale = 1 / np.sqrt(np.diag(A))
+    A *= scale
+    A *= scale[:, None]
+    A[np.diag_indices_from(A)] += 1e-13
+    L, failed = sla.lapack.dpotrf(A, lower=1, overwrite_a=1, clean=0)
+    if failed:
+        return None
+    solved = scale[:, None] * sla.lapack.dpotrs(L, scale[:, None] * np.stack([g, c], axis=1), lower=1)[0]
+    d = -solved[:, 0] + solved[:, 1] * (c @ solved[:, 0]) / (c @ solved[:, 1])
+    return d if np.isfinite(d).all() and g @ d < 0 else None
+
+
+def _search(
+    inequality: Inequality, fit: Fit, state: _State, d: ndarray, slope: float, beta: float, pull: float, seeking: bool
+) -> _State | None:
+    """Return the first point along d, halving, that is strictly inside and descends (Armijo)."""
+    K, J, point = inequality.coefficients, len(inequality.cost), state.point
+    dw, dy = d[:K], d[K : K + J]
+    ds = float(d[-1]) if seeking else 0.0
+    falling = dy < 0
+    falling[: inequality.free] = False
+    a = min(1.0, 0.95 * float((-point.y[falling] / dy[falling]).min(initial=np.inf)))
+    here = pull * fit(point.w) + beta * state.barrier + point.slack * seeking
+    while a > SHORTEST:
+        moved = Point(point.w + a * dw, point.y + a * dy, point.slack + a * ds)
+        following = _State.at(inequality, moved)
+        if following is not None:
+            value = pull * fit(moved.w) + beta * following.barrier + moved.slack * seeking
+            if value <= here + 0.1 * a * slope + 1e-12 * abs(here):
+                return following
+        a *= 0.6
+    return None
+
+
+def _with_slack(
+    inequality: Inequality, state: _State, g: ndarray, H: ndarray, c: ndarray, beta: float
+) -> tuple[ndarray, ndarray, ndarray]:
+    """Border gradient and Hessian by the slack s: Z + s I, objective s."""
+    inverse = _inverse(state.L)
+    border = -beta * _pairings(inequality, state.D @ inverse @ inverse @ state.D.T)
+    corner = beta * float((inverse**2).sum())
+    H = np.block([[H, border[:, None]], [border[None], np.array([[corner]])]])
+    return np.append(g, 1.0 - beta * np.trace(inverse)), H, np.append(c, 0.0)
+
+
+def _inverse(L: ndarray) -> ndarray:
+    half = sla.solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False)
+    return half.T @ half
+
+
+def _all_pairs(inequality: Inequality) -> Pairs:
+    """Return the pairs of all unknowns u = (w, y), as rows of D."""
+    s, h, K = len(inequality.S), len(inequality.rho), inequality.coefficients
+    flow, gradient, product = inequality.flow, inequality.gradient, inequality.product
+    return Pairs(
+        np.concatenate([flow.p, gradient.p, product.p]),
+        np.concatenate([s + h + flow.q, s + gradient.q, product.q]),
+        np.concatenate([flow.owner, K + gradient.owner, K + product.owner]),
+        np.concatenate([flow.weight, gradient.weight, product.weight]),
+    )
+
+
+def _tie(inequality: Inequality, pairs: Pairs) -> sparse.csr_array:
+    shape = (len(pairs.p), inequality.coefficients + len(inequality.cost))
+    return sparse.csr_array((pairs.weight, (np.arange(len(pairs.p)), pairs.owner)), shape=shape)
+
+
+def _pairings(inequality: Inequality, V: ndarray) -> ndarray:
+    """Return the sum of 2 V[p, q] over the pairs of every unknown."""
+    pairs = _all_pairs(inequality)
+    found = np.zeros(inequality.coefficients + len(inequality.cost))
+    np.add.at(found, pairs.owner, 2 * pairs.weight * V[pairs.p, pairs.q])
+    return found
+
+
+def _derivatives(inequality: Inequality, state: _State) -> tuple[ndarray, ndarray, ndarray]:
+    """Return the barrier's gradient, its Hessian without the bilinear block, and that block (coefficients x y)."""
+    half = sla.solve_triangular(state.L, state.D.T, lower=True, check_finite=False)
+    V = half.T @ half
+    pairs, K, free = _all_pairs(inequality), inequality.coefficients, inequality.free
+    tie = _tie(inequality, pairs)
+    g = _pairings(inequality, V)
+    M = _products(V, pairs)
+    H = np.asarray(tie.T @ np.ascontiguousarray((tie.T @ M).T))
+    y = state.point.y[free:]
+    g[K + free :] -= 1 / y
+    diagonal = np.arange(K + free, len(g))
+    H[diagonal, diagonal] += 1 / y**2
+    if free:
+        inverse = np.linalg.inv(state.P)
+        i, j = np.triu_indices(inequality.symmetric)
+        g[K : K + free] -= 2 * inverse[i, j]
+        H[K : K + free, K : K + free] += 2 * (
+            inverse[np.ix_(i, i)] * inverse[np.ix_(j, j)] + inverse[np.ix_(i, j)] * inverse[np.ix_(j, i)]
+        )
+    return g, H, _bilinear(inequality, V, tie)
+
+
+def _products(V: ndarray, pairs: Pairs) -> ndarray:
+    """Return tr(F_k Z^-1 F_l Z^-1) of all pairs."""
+    p, q = pairs.p, pairs.q
+    M = np.empty((len(p), len(p)))
+    for start in range(0, len(p), BLOCK):
+        rows = slice(start, start + BLOCK)
+        Vp, Vq = V[p[rows]], V[q[rows]]
+        block = Vq.take(p, 1) * Vp.take(q, 1)
+        block += Vq.take(q, 1) * Vp.take(p, 1)
+        M[rows] = 2 * block
+    return M
+
+
+def _bilinear(inequality: Inequality, V: ndarray, tie: sparse.csr_array) -> ndarray:
+    """Return tr(Z^-1 d2Q) of every coefficient with every number of V."""
+    flow, gradient, K = inequality.flow, inequality.gradient, inequality.coefficients
+    block = 2 * inequality.rho[gradient.q][:, flow.q].T * V[np.ix_(flow.p, gradient.p)]
+    f, e = len(flow.p), len(gradient.p)
+    left, right = tie[:f, :K], tie[f : f + e, K:]
+    return np.asarray(left.T @ np.ascontiguousarray((right.T @ block.T).T))
+
+
+Progress = Callable[[str], None]
