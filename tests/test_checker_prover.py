@@ -9,6 +9,7 @@ from flint import ctx
 
 from checker.expressions import is_sector_function, odd_part
 from persid_check import prover
+from persid_check.enclosure import between
 from persid_check.expression import parse
 from persid_check.prover import (
     prove_bounded,
@@ -234,6 +235,27 @@ def test_a_pole_outside_the_interval_does_no_harm() -> None:
     """tan is continuous on [-1.5, 1.5] and not on [-1.6, 1.6]."""
     assert prove_continuous(curve("tan(x)"), (F(-3, 2), F(3, 2)))
     assert not prove_continuous(curve("tan(x)"), (F(-8, 5), F(8, 5)))
+
+
+@pytest.mark.parametrize(
+    ("name", "kink", "low", "high"),
+    [
+        ("abs", 0, -1, 1),
+        ("relu", 0, 0, 1),
+        ("sat", 1, 0, 1),
+        ("sat", -1, 0, 1),
+        ("deadzone", 1, 0, 1),
+        ("deadzone", -1, 0, 1),
+    ],
+)
+def test_the_slope_at_a_kink_holds_both_sides(name: str, kink: int, low: int, high: int) -> None:
+    """At a kink itself, and on any interval about it, the slope is the hull of both sides; beside it, one value."""
+    about = [between(F(kink), F(kink)), between(F(kink) - F(1, 8), F(kink) + F(1, 8))]
+    assert [(part.slope(name).lo, part.slope(name).hi) for part in about] == [(low, high)] * 2
+    beside = [between(F(kink), F(kink) + F(1, 8)), between(F(kink) - F(1, 8), F(kink))]
+    slopes = [part.slope(name) for part in beside]
+    assert all(slope.lo == slope.hi for slope in slopes)
+    assert {int(float(slope.lo)) for slope in slopes} == {low, high}
 
 
 def test_hard_expressions_end_soon() -> None:

@@ -1,6 +1,7 @@
 """python -m persid_check FILE [--model model.json] [--explain]: exit 0 accepted, 1 rejected, 2 malformed."""
 
 import argparse
+import io
 import sys
 
 from persid_check.check import check
@@ -14,6 +15,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--model", help="model.json, which must be the certificate's model")
     parser.add_argument("--explain", action="store_true", help="print the steps of the proof")
     options = parser.parse_args(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         result = check(options.file, options.model, options.explain)
     except OSError as error:

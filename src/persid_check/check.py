@@ -36,6 +36,8 @@ def check(source: Source, model: Source | None = None, explain: bool = True) -> 
         return Malformed(error.where, error.why)
     except NotProvedError as error:
         return Rejected(error.where, error.why)
+    except ArithmeticError as error:
+        return Rejected("arithmetic", str(error))
     return Accepted(claim.subject.claim, statement, steps if explain else ())
 
 

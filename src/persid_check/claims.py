@@ -29,6 +29,8 @@ from persid_check.prover import (
 )
 from persid_check.results import NotProvedError
 
+MAX_REGIONAL = 200  # states: an exact inverse is computed
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -125,8 +127,8 @@ def _forms(setting: Setting, claim: str) -> None:
 
 def _upper_constant(setting: Setting, k: int, where: str) -> None:
     c = setting.proof.integral[k]
-    if c is None:
-        raise NotProvedError(where, "a form with mu > 0 needs a constant")
+    if c is None or c < 0:
+        raise NotProvedError(where, "a form with mu > 0 needs a constant that is not negative")
     if not prove_integral_upper(setting.curve, setting.proof.forms[k], c, setting.domain, setting.shift):
         raise NotProvedError(where, "no proof of the upper bound of the integral")
 
@@ -252,6 +254,8 @@ def _region(claim: Stability, matrices: Inequality) -> None:
     if claim.gamma * claim.input_bound**2 > claim.kappa * claim.level:
         raise NotProvedError("input_bound", "gamma times its square exceeds kappa times the level")
     Pt = lower_bound(claim, matrices)
+    if Pt.height > MAX_REGIONAL:
+        raise NotProvedError("box", f"claim R is read for at most {MAX_REGIONAL} states")
     inverse = fmpq_mat(Pt.entries).inv()
     for i, (lo, hi) in enumerate(relative_box(claim)):
         entry = inverse[i, i]

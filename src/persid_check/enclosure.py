@@ -103,14 +103,16 @@ class Interval:
         return _OTHERS[name](self)
 
     def slope(self, name: str) -> "Interval":
-        """Return the derivative of abs, relu, sat or deadzone, the hull at a kink."""
+        """Return the derivative of abs, relu, sat or deadzone; the hull at a kink, and at a kink alone."""
         if name in ("sat", "deadzone"):
             inside = self.lo >= -1 and self.hi <= 1
             outside = self.lo >= 1 or self.hi <= -1
-            low, high = _ONE if inside else _ZERO, _ZERO if outside else _ONE
+            low, high = (_ZERO, _ONE) if inside == outside else (_ONE, _ONE) if inside else (_ZERO, _ZERO)
             return Interval(low, high) if name == "sat" else Interval(1 - high, 1 - low)
         below = -_ONE if name == "abs" else _ZERO
-        return Interval(_ONE if self.lo >= 0 else below, below if self.hi <= 0 else _ONE)
+        if self.hi > 0:
+            return Interval(_ONE if self.lo >= 0 else below, _ONE)
+        return Interval(below, below if self.lo < 0 else _ONE)
 
     def hull(self, other: "Interval") -> "Interval":
         """Return the least interval that holds both."""

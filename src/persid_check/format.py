@@ -15,6 +15,7 @@ FORMAT = "persid-certificate-1"
 MAX_BITS = 2048  # of a mantissa
 MAX_EXPONENT = 2000
 MAX_FORMS = 64  # per group
+MAX_ENTRIES = 2500  # of z
 MAX_FACTOR_BITS = 512  # of an entry of T
 
 Factor = tuple[tuple[int, ...], ...]
@@ -148,6 +149,8 @@ def _subject(claim: str, data: Mapping[str, Any]) -> Subject:
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
     model = model_of(form)
+    if model.n + len(model.channels) > MAX_ENTRIES:
+        raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
     return Subject(claim, data["model_sha256"], form, model, groups_of(model))
 
 

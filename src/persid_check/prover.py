@@ -36,6 +36,7 @@ from persid_check.side import (
     scaled,
 )
 
+MARCHES = (32, 256, 2048)  # steps, tried in this order
 _ZERO, _ONE = Fraction(0), Fraction(1)
 _Arguments = ParamSpec("_Arguments")
 
@@ -335,9 +336,9 @@ def _marched(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: "
         side = Side(curve, form, sign, shift)
         try:
             last = Proof(side, None, integral.derivative, False).tail() if end is None else end
+            if last is None or not any(_march(side, last, steps, integral) for steps in MARCHES):
+                return False
         except DisprovedError:
-            return False
-        if last is None or not any(_march(side, last, steps, integral) for steps in (32, 256, 2048)):
             return False
     return True
 
@@ -383,5 +384,7 @@ def _keeps(
     if rise >= 0:
         return True
     start = integral.gap(constant(a), side.on(constant(a))[0], area)
+    if start.hi < 0:
+        raise DisprovedError
     width = t - constant(a)
     return bool((start + Interval(width.hi, width.hi) * Interval(rise, rise)).lo >= 0)

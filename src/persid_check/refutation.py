@@ -6,7 +6,7 @@ from fractions import Fraction
 from persid_check import sentences
 from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
-from persid_check.exact import is_positive_definite
+from persid_check.exact import Matrix, diagonal, is_positive_definite, matrix
 from persid_check.expression import Program
 from persid_check.format import Refutation
 from persid_check.model import Channel
@@ -74,32 +74,17 @@ def _grows(claim: Refutation, J: Sequence[Sequence[Interval]]) -> None:
         raise NotProvedError("witness.T", "J'S + S J - 2 sigma S is not proved positive definite")
 
 
-def _lower_bound(
-    S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]
-) -> list[list[Fraction]]:
+def _lower_bound(S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]) -> Matrix:
     """The middle of J'S + S J - 2 sigma S over the intervals, less the row sums of the radii on its diagonal."""
-    n = len(S)
-    low, high = _ends(J, 0), _ends(J, 1)
-    middle = [[(a + b) / 2 for a, b in zip(*rows, strict=True)] for rows in zip(low, high, strict=True)]
-    radius = [[(b - a) / 2 for a, b in zip(*rows, strict=True)] for rows in zip(low, high, strict=True)]
-    SJ = _product(S, middle)
-    spread = _product([[abs(s) for s in row] for row in S], radius)
-    M = [[SJ[i][j] + SJ[j][i] - 2 * sigma * S[i][j] for j in range(n)] for i in range(n)]
-    for i in range(n):
-        M[i][i] -= sum((spread[i][j] + spread[j][i] for j in range(n)), Fraction(0))
-    return M
-
-
-def _product(A: Sequence[Sequence[Fraction]], B: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
-    columns = list(zip(*B, strict=True))
-    return [
-        [sum((a * b for a, b in zip(row, column, strict=True) if a and b), Fraction(0)) for column in columns]
-        for row in A
-    ]
-
-
-def _ends(J: Sequence[Sequence[Interval]], which: int) -> list[list[Fraction]]:
-    return [[_exact(entry.hi if which else entry.lo) for entry in row] for row in J]
+    n, half = len(S), Fraction(1, 2)
+    ends = [[(_exact(entry.lo), _exact(entry.hi)) for entry in row] for row in J]
+    middle = matrix([[(lo + hi) * half for lo, hi in row] for row in ends], n)
+    radius = matrix([[(hi - lo) * half for lo, hi in row] for row in ends], n)
+    SJ = matrix(S, n) * middle
+    spread = matrix([[abs(s) for s in row] for row in S], n) * radius
+    spread = spread + spread.T
+    sums = [sum((spread.entry(i, j) for j in range(n)), Fraction(0)) for i in range(n)]
+    return SJ + SJ.T + -(diagonal([2 * sigma] * n) * matrix(S, n)) + -diagonal(sums)
 
 
 def _exact(number) -> Fraction:  # type: ignore[no-untyped-def]

@@ -82,9 +82,10 @@ def _estimate(claim: Stability) -> list[str]:
     if claim.subject.claim == "E":
         return [f"{bound}."]
     sides = ", ".join(f"[{decimal(lo, up=False)}, {decimal(hi)}]" for lo, hi in claim.box[:SHOWN])
+    shrunk = " less the ball's radius at each side" if claim.point is not None and claim.point.radius else ""
     return [
-        f"The set of x in the box {sides} with V(x) <= {decimal(claim.level, up=False)} is invariant for inputs with"
-        f" sup|u - u*| <= {decimal(claim.input_bound, up=False)}, and from every x(0) in it {bound}."
+        f"The set of x in the box {sides}{shrunk} with V(x) <= {decimal(claim.level, up=False)} is invariant for"
+        f" inputs with sup|u - u*| <= {decimal(claim.input_bound, up=False)}, and from every x(0) in it {bound}."
     ]
 
 

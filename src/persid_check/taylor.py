@@ -42,10 +42,12 @@ def coefficients_about(name: str, center: arb, count: int) -> list[arb]:
     _refuse_short_series()
     x = arb_series([center, 1], prec=count)
     try:
-        coefficients = list(_power_series(name, x, center, count).coeffs())
+        expansion = _power_series(name, x, center, count)
     except (ValueError, ZeroDivisionError) as error:
         raise UndefinedError(f"no series of {name} there: {error}") from None
-    return (coefficients + [arb(0)] * count)[:count]
+    if expansion.prec < count:
+        raise UndefinedError(f"a short series of {name}")
+    return (list(expansion.coeffs()) + [arb(0)] * count)[:count]
 
 
 def _refuse_short_series() -> None:

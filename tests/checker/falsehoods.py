@@ -178,6 +178,7 @@ _set(
     (("groups", 0, "integral", 2), [1, -1]),
 )
 _set("integral_missing", E, R, "a form with mu > 0 needs a constant", (("groups", 0, "integral"), [None] * 4))
+_set("integral_negative", E, R, "c is not negative", (("groups", 0, "integral", 1), [-1, 0]))
 _set("fast", E, R, "kappa is too large", (("kappa",), [4, 0]))
 _set("zero_kappa", E, R, "kappa must be positive", (("kappa",), [0, 0]))
 _set("negative_kappa", E, R, "kappa must be positive", (("kappa",), [-1, 0]))
