@@ -1,10 +1,13 @@
 r"""A structured primal-dual interior-point method for sector-form matrix inequalities.
 
-    maximise t   subject to   Z = -sum_k y_k F_k - t I >= 0,   P(y) >= 0,   y_k >= 0 (multipliers),   c'y = 1      (D)
-    minimise m   subject to   x_k = <F_k, X> - <E_k, U> + m c_k >= 0 (= 0 for entries of P),  X, U >= 0,  tr X = 1 (P)
+    maximise t   subject to   Z = -sum_k y_k F_k - t N >= 0,   P(y) >= 0,   y_k >= 0 (multipliers),   c'y = 1      (D)
+    minimise m   subject to   x_k = <F_k, X> - <E_k, U> + m c_k >= 0 (= 0 for entries of P),  X, U >= 0,  <N, X> = 1 (P)
 
-Every unknown enters through *pairs* of rows of one matrix D:  F_k = sum over its pairs of  d_p d_q' + d_q d_p'.  So with
-Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is made of elementwise products of blocks,
+N is the inverse of a matrix X0 > 0 with <F_k, X0> > 0 wherever c_k = 0, such as the mean of z z' over points of the
+sector cone. Where X0 is the identity the cone is round, and the start X = I / order is nearly central.
+
+Every unknown enters through *pairs* of rows of one matrix D:  F_k = sum over its pairs of  d_p d_q' + d_q d_p'.  So
+with Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is made of elementwise products of blocks,
 
     tr(F_k X F_l Z^-1) = Y[q,r] V[p,s] + Y[q,s] V[p,r] + Y[p,r] V[q,s] + Y[p,s] V[q,r]      for k = (p, q), l = (r, s),
 
@@ -23,8 +26,10 @@ import scipy.linalg as sla
 from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 SHARE = 0.95  # of the way to the boundary that a step goes
+RIDGE = 1e-13  # added to the unit diagonal of the Schur complement; the next step corrects what it changes
 BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
 
 
@@ -45,7 +50,7 @@ class Problem:
 
     Unknown j sums the pairs of column j of `tie` (None: one pair each). The first `symmetric`(`symmetric` + 1)/2
     unknowns are the upper triangle of a symmetric matrix P, entry (i, j) standing for e_i e_j' + e_j e_i'; 0 without P.
-    `cost` is c; `X` a positive definite matrix with <F_k, X> > 0 for every unknown of zero cost.
+    `cost` is c; `X` is X0, positive definite with <F_k, X0> > 0 for every multiplier of zero cost.
     """
 
     S: sparse.csr_array
@@ -100,7 +105,7 @@ def solve(
                 status = Status.TIME
                 break
             following = _iterate(problem, state)
-            if following is None:
+            if following is None or state.m - state.t < 1e-13 * first:
                 break
             if state.m - state.t < gap * first:
                 status = Status.ROUGH
@@ -187,7 +192,7 @@ def pairings(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]
 
 
 def _schur(problem: Problem, Y: ndarray, V: ndarray) -> ndarray:
-    """Return the matrix of tr(F_k X F_l Z^-1); without ties its lower triangle only, which is all that Cholesky reads."""
+    """Return the matrix of tr(F_k X F_l Z^-1); without ties only its lower triangle, all that Cholesky reads."""
     p, q, tie = problem.p, problem.q, problem.tie
     M = np.zeros((len(p), len(p)))
     for start in range(0, len(p), BLOCK):
@@ -224,25 +229,22 @@ def _schur_of_P(problem: Problem, U: ndarray, P_inverse: ndarray) -> ndarray:
 
 
 def _start(problem: Problem) -> _State:
-    """Strictly feasible on both sides and nearly central: X = I / N, then U, x, m to match, then y = mu / x, P = mu / U."""
-    free, c = problem.free, problem.cost[problem.free :]
+    """Strictly feasible and nearly central: X = I / order; U, x, m to match; y = mu / x, P = mu U^-1, t by mu X^-1."""
+    free, k, c = problem.free, problem.symmetric, problem.cost[problem.free :]
     X = np.eye(problem.order) / problem.order
     paired = pairings(problem, X)
     W = _dual_of_P(problem, paired[:free])  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
     costly = c > 0
     needed = [0.0, *(-paired[free:][costly] / c[costly])]
-    if free:
+    if k:
         needed.append(-float(np.linalg.eigvalsh(W)[0]))
     m = 1.5 * max(needed) + 1e-3 / problem.order
-    U, x = W + m * np.eye(problem.symmetric), paired[free:] + m * c
+    U, x = W + m * np.eye(k), paired[free:] + m * c
     P = _inverse(U)
     mu = 1 / (np.trace(P) + c @ (1 / x))
-    y = np.concatenate(
-        [_pack(problem, mu * P) / 2 / (1 + np.eye(problem.symmetric))[np.triu_indices(problem.symmetric)], mu / x]
-    )
+    y = mu * np.concatenate([(P / (1 + np.eye(k)))[np.triu_indices(k)], 1 / x])
     largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
-    t = -float(largest) - mu * problem.order
-    return _State(problem, y, t, m, X, U, x)
+    return _State(problem, y, -float(largest) - mu * problem.order, m, X, U, x)
 
 
 def _dual_of_P(problem: Problem, values: ndarray) -> ndarray:
@@ -258,23 +260,28 @@ def _blocks(problem: Problem) -> list[tuple[ndarray, ...]]:
     pattern = sparse.csr_array((np.ones(problem.S.nnz), problem.S.indices, problem.S.indptr), shape=(rows, width))
     inside = problem.q < rows
     pairs = sparse.coo_array((np.ones(inside.sum()), (problem.p[inside], problem.q[inside])), shape=(rows, rows))
-    count, block = sparse.csgraph.connected_components(pattern.T @ (sparse.eye_array(rows) + pairs) @ pattern)
+    count, block = connected_components(pattern.T @ (sparse.eye_array(rows) + pairs) @ pattern)
     return [np.ix_(block == b, block == b) for b in range(count)]
 
 
-def whitened(problem: Problem) -> tuple[Problem, ndarray]:
-    """Return the problem in coordinates z = C w in which its dual matrix is I, and C: sector cones are round there."""
-    blocks = _blocks(problem)
+def whitened(problem: Problem) -> tuple[Problem, Float[ndarray, "N N"]]:
+    """Return the problem in coordinates z = C w in which its dual matrix is I, and C.
+
+    Only blocks that products hold together count. A dual matrix that was regularised so much that it left the
+    sector cone gives up most of its smallest eigenvalue.
+    """
+    blocks, free = _blocks(problem), problem.cost == 0
+    free[: problem.free] = False
     for share in (0.0, 0.9, 0.999, 0.999999):
         C = np.zeros((problem.order, problem.order))
         for inside in blocks:
             part = problem.X[inside]
             C[inside] = np.linalg.cholesky(part - share * np.linalg.eigvalsh(part)[0] * np.eye(len(part)))
         S = sparse.csr_array(problem.S @ sparse.csr_array(C))
-        round_ = replace(problem, S=S, H=problem.H @ C, X=np.eye(problem.order))
-        if (pairings(round_, round_.X)[problem.free :][problem.cost[problem.free :] == 0] > 0).all():
+        white = replace(problem, S=S, H=problem.H @ C, X=np.eye(problem.order))
+        if (pairings(white, white.X)[free] > 0).all():
             break
-    return round_, C
+    return white, C
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +318,7 @@ def _iterate(problem: Problem, state: _State) -> _State | None:
             + (state.x + a * predicted.x) @ (state.s + b * predicted.y[problem.free :])
         )
         size = problem.order + problem.symmetric + len(state.x)
-        sigma = min(1.0, max(gap / size / state.mu, 1e-6) ** 2)
+        sigma = min(1.0, max(float(gap) / size / state.mu, 1e-6) ** 2)
         corrected = direction(sigma * state.mu, predicted)
         a, b = _steps(state, corrected)
     except (sla.LinAlgError, ValueError):
@@ -341,6 +348,7 @@ def _newton(
     scale = 1 / np.sqrt(np.diag(M))
     M *= scale
     M *= scale[:, None]
+    M[range(len(c)), range(len(c))] += RIDGE
     factor = sla.cho_factor(M, lower=True, overwrite_a=True, check_finite=False)
 
     def back(v: ndarray) -> ndarray:

@@ -62,9 +62,8 @@ def search(
         left = time_limit - (time.perf_counter() - started)
         solution = solve(assembly.problem, time_limit=left, gap=gap if count < ROUNDS else 0.0)
         if progress is not None:
-            progress(
-                f"round {count}: {len(assembly.problem.cost)} unknowns, {len(solution.log)} iterations, {solution.status.name}"
-            )
+            size, steps = len(assembly.problem.cost), len(solution.log)
+            progress(f"round {count}: {size} unknowns, {steps} iterations, {solution.status.name}")
         if solution.status not in (Status.INFEASIBLE, Status.ROUGH):
             break
         grown = tuple(join(assembly, g, solution, drop=count == 1) for g in range(len(families)))
