@@ -58,6 +58,7 @@ def main(folder: Path) -> None:
     line("pendulum, first file", pendulum[:1], derivatives=1)
     line("pendulum, three files", pendulum, derivatives=1)
     line("pendulum, three files, linear", pendulum, derivatives=1, functions=["x"])
+    line("pendulum, linear, refined", pendulum, derivatives=1, functions=["x"], refine=True)
     line("pendulum, no velocities", pendulum)
     held = Trajectories(tuple(run[8000:] for run in pendulum), pendulum.states, pendulum.inputs)
     train = Trajectories(tuple(run[:8000] for run in pendulum), pendulum.states, pendulum.inputs)

@@ -171,8 +171,8 @@ def make_basis(data: Trajectories, functions: Functions, x_ref: Any = "auto", sc
     n = len(data.states)
     lists = _per_state(functions, n)
     x, u = ([getattr(run, name) for run in data] for name in ("x", "u"))
-    reference = reference_point(x) if isinstance(x_ref, str) else _vector("x_ref", x_ref, n)
-    sizes = _powers_of_two(_reach(x, reference)) if isinstance(scale, str) else _vector("scale", scale, n)
+    reference = reference_point(x) if _is_auto(x_ref) else _vector("x_ref", x_ref, n)
+    sizes = _powers_of_two(_reach(x, reference)) if _is_auto(scale) else _vector("scale", scale, n)
     if not (sizes > 0).all():
         raise DataError(f"scale = {sizes.tolist()}; every scale must be positive")
     parsed = [[f for f in map(scalar_function, names) if not f.is_linear] for names in lists]
@@ -204,6 +204,10 @@ def _vector(name: str, value: Any, n: int) -> ndarray:
     if not np.isfinite(vector).all():
         raise DataError(f"{name} = {vector.tolist()}; every number must be finite")
     return vector
+
+
+def _is_auto(value: Any) -> bool:
+    return isinstance(value, str) and value == "auto"
 
 
 def _reach(parts: Sequence[ndarray], reference: ndarray) -> ndarray:

@@ -68,7 +68,8 @@ class _Solver:
     def __init__(self, model: "PersidskiiModel", size: float, rtol: float, atol: float) -> None:
         self.model, self.rtol, self.atol = model, rtol, atol
         self.cap = STATE_CAP * size
-        self.h: float | None = None
+        self.explicit: RK45 | None = None
+        self.force: ndarray | None = None
         self.stiff = False
         channels = model.channels
         kinds = {f: [c for c, g in enumerate(channels.functions) if g == f] for f in channels.functions}
@@ -87,30 +88,44 @@ class _Solver:
         dot = self.A0 @ dx
         if self.pieces:
             y = self.rows @ dx
-            values = np.concatenate([f(y[a:b]) for f, a, b in self.pieces])
-            dot += self.columns @ values
-        return np.clip(dot, -HUGE, HUGE)
+            for f, a, b in self.pieces:
+                y[a:b] = f(y[a:b])
+            dot += self.columns @ y
+        return dot
 
     def step(self, x: ndarray, start: float, stop: float, force: ndarray) -> tuple[ndarray, float | None]:
         """Cross one sample interval by Dormand-Prince steps; hand over to an implicit method where it is stiff."""
         if not self.stiff:
-            first = None if self.h is None else min(self.h, stop - start)
-            solver = RK45(
-                lambda _, y: self.drift(y) + force, start, x, stop, first_step=first, rtol=self.rtol, atol=self.atol
-            )
+            solver = self._restarted(x, start, stop, force)
             for _ in range(STIFF):
                 solver.step()
                 if solver.status == "failed" or not np.abs(solver.y).max() < self.cap:
                     return x[None], float(solver.t)
                 if solver.status == "finished":
-                    self.h = float(solver.h_abs)
                     return np.array([x, solver.y]), None
             self.stiff = True
-        return self.span(x, np.array([start, stop]), lambda _: force)
+        return self.span(x, np.array([start, stop]), partial(_constant, force))
+
+    def _restarted(self, x: ndarray, start: float, stop: float, force: ndarray) -> RK45:
+        """Return the explicit solver at the start of an interval; the step size found before it is kept."""
+        self.force = force
+        if self.explicit is None:
+            self.explicit = RK45(
+                lambda _, y: self.drift(y) + self.force, start, x, stop, rtol=self.rtol, atol=self.atol
+            )
+            return self.explicit
+        solver = self.explicit
+        solver.t, solver.t_old, solver.t_bound, solver.status = start, start, stop, "running"
+        solver.y, solver.f = x, solver.fun(start, x)
+        return solver
 
     def span(self, x: ndarray, t: ndarray, force: Callable[[float], ndarray]) -> tuple[ndarray, float | None]:
         """Integrate over t, where the input does not jump; return the states at t up to a divergence and its time."""
-        solver = LSODA(lambda s, y: self.drift(y) + force(s), t[0], x, t[-1], rtol=self.rtol, atol=self.atol)
+
+        def rate(s: float, y: ndarray) -> ndarray:
+            return np.clip(self.drift(y) + force(s), -HUGE, HUGE)
+
+        solver = LSODA(rate, t[0], x, t[-1], rtol=self.rtol, atol=self.atol)
         states, k = [x[None]], 1
         while k < len(t):
             solver.step()
