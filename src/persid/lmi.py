@@ -149,7 +149,7 @@ def scaling(system: System) -> Scaling:
     for group in system.groups:
         support = np.flatnonzero(group.row)
         if len(support) == 1:
-            states[support[0]] = 1 / abs(group.row[support[0]])
+            states[support[0]] = 1 / group.row[support[0]]  # sign and all: mu >= 0 belongs to y, not to x
     entries = np.concatenate([states[list(system.states)], np.ones(len(system.channels))])
     for group in system.groups:
         entries[[system.places[c] for c in group.channels]] = sizes(group.curve)[1:]
