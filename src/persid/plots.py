@@ -28,6 +28,8 @@ POINTS = 1200  # a longer curve is drawn by its extremes in so many intervals
 GRID = 81  # points a side on which V is evaluated
 ARROWS = 17
 MOST_LEVELS = 25
+BOUND_POINTS = 80
+DASHES = (0, (4, 2))
 
 
 def free_run(ax: Axes, measured: Trajectory, found: Trajectory, state: int, name: str = "x") -> Axes:
@@ -35,7 +37,7 @@ def free_run(ax: Axes, measured: Trajectory, found: Trajectory, state: int, name
     ax.plot(*_thin(measured.t, measured.x[:, state]), color=MEASURED, lw=1.4, label="measured")
     low, high = _span(measured.x[:, state], 0.6)
     inside = np.clip(found.x[:, state], low - (high - low), high + (high - low))
-    ax.plot(*_thin(found.t, inside), color=MODEL, lw=1.4, ls=(0, (4, 2)), label="model, free run")
+    ax.plot(*_thin(found.t, inside), color=MODEL, lw=1.4, ls=DASHES, label="model, free run")
     ax.set_ylim(*_limits(measured.x[:, state], found.x[:, state]))
     if found.diverged_at is not None:
         blow_up(ax, found.diverged_at)
@@ -81,11 +83,11 @@ def vector_field(ax: Axes, model: PersidskiiModel, box: Any = None, states: Sequ
     """Draw the direction of x' for u = u_ref over two states, the others at x_ref; colour does not tell its size."""
     X, Y, points = _mesh(_box(model, box), states, ARROWS, model.x_ref, inset=0.5 / ARROWS)
     with np.errstate(all="ignore"):
-        dot = model.rhs(points)[:, list(states)]
-        size = np.linalg.norm(dot / _width(_box(model, box), states), axis=1)
-        arrow = np.nan_to_num(dot / np.where(size > 0, size, 1.0)[:, None])
+        dot = np.nan_to_num(model.rhs(points)[:, list(states)], nan=0.0, posinf=1e150, neginf=-1e150)
+    size = np.linalg.norm(np.clip(dot, -1e150, 1e150), axis=1)
+    arrow = np.clip(dot, -1e150, 1e150) / np.where(size > 0, size, 1.0)[:, None]
     ax.quiver(X, Y, arrow[:, 0].reshape(X.shape), arrow[:, 1].reshape(X.shape), color=FIELD, angles="xy", pivot="mid",
-              width=0.0022, zorder=1)  # fmt: skip
+              scale=1.5 * ARROWS, width=0.0022, zorder=1)  # fmt: skip
     return _tidy(ax)
 
 
@@ -130,6 +132,26 @@ def level_sets(
     return ax
 
 
+def bound(ax: Axes, certificate: Certificate, run: Trajectory) -> Axes:
+    """Draw the distance of a run of the model from the operating point, and the bound that the certificate proves.
+
+    Raises:
+        PersidError: the claim has no rate, or the run starts outside the certified region or has too large inputs.
+    """
+    point = certificate.content["operating_point"]
+    u = certificate.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
+    largest = float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
+    t = np.linspace(run.t[0], run.t[-1], BOUND_POINTS)
+    ax.plot(t, certificate.bound(run.x[0], largest, t - t[0]), color=LEVEL, lw=1.6, label="proved bound")
+    distance = np.linalg.norm(run.x - certificate.operating_point, axis=1)
+    ax.plot(*_thin(run.t, distance), color=MODEL, lw=1.4, ls=DASHES, label="model, free run")
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel("t in s")
+    ax.set_ylabel("|x - x*|")
+    ax.legend(frameon=False)
+    return _tidy(ax)
+
+
 def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
     """Draw the functions of one group, and the sector forms that the proof uses on them, against y.
 
@@ -141,7 +163,7 @@ def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
         ax.plot(y, curve / _top(curve), color=MEASURED, lw=3.2, alpha=0.45, label=None if k else "functions")
     forms = np.array([[value(c) for c in form] for form in certificate.content["groups"][group]["forms"]])
     for k, curve in enumerate(forms.reshape(-1, len(phi)) @ phi):
-        ax.plot(y, curve / _top(curve), color=FORM, lw=1.3, ls=(0, (4, 2)), label=None if k else "sector forms")
+        ax.plot(y, curve / _top(curve), color=FORM, lw=1.3, ls=DASHES, label=None if k else "sector forms")
     ax.fill_between(y, 0, np.sign(y) * 1.08, color=LEVEL, alpha=0.1, lw=0)
     ax.set_xlim(low, high)
     ax.set_ylim(-1.08, 1.08)
@@ -271,10 +293,6 @@ def _box(model: PersidskiiModel, box: Any, point: Any = None) -> Float[ndarray, 
     low, high = np.minimum(domain[:, 0], centre), np.maximum(domain[:, 1], centre)
     margin = 0.25 * np.maximum(high - low, 1e-9)
     return np.column_stack([low - margin, high + margin])
-
-
-def _width(box: ndarray, states: Sequence[int]) -> ndarray:
-    return box[list(states), 1] - box[list(states), 0]
 
 
 def _mesh(

@@ -21,6 +21,7 @@ from persid import plots
 from persid.certificate import Certificate
 from persid.certify import Certified, Refuted
 from persid.equations import equations
+from persid.errors import PersidError
 from persid.files import write_atomically
 from persid.folder import CERTIFICATE, FIGURES, MODEL, REPORT, WITNESS, Results
 from persid.freerun import one_step, score
@@ -77,9 +78,9 @@ def write_report(results: Results, folder: Path) -> None:
     with _style():
         runs = _free_runs(results)
         drawings = _drawings(results, runs)
+        write_atomically(folder / REPORT, _page(results, runs, drawings))
         for drawing in (one for part in drawings.values() for one in part):
             write_atomically(folder / FIGURES / f"{drawing.name}.png", _png(drawing))
-        write_atomically(folder / REPORT, _page(results, runs, drawings))
 
 
 def render(results: Results) -> str:
@@ -195,7 +196,7 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
     model, verdict = results.model, results.verdict
     fit = results.record.fit if results.record else None
     measured = [run.measured for run in runs]
-    proof = _proof(verdict.certificate, measured) if isinstance(verdict, Certified) else []
+    proof = _proof(verdict.certificate, runs) if isinstance(verdict, Certified) else []
     return {
         "free_run": [_free_run(model, run) for run in runs],
         "residuals": [_residuals(model, run) for run in runs[:1]],
@@ -295,9 +296,10 @@ def _pair_drawing(kind: str, figure: Figure, model: PersidskiiModel, pair: tuple
     return Drawing(f"{kind}-{pair[0] + 1}-{pair[1] + 1}", figure, f"Plane of {names}. {caption}", caption)
 
 
-def _proof(certificate: Certificate, measured: Sequence[Trajectory]) -> list[Drawing]:
-    """Draw level sets of V and the sector forms of the first groups."""
-    model, drawings = certificate.model, []
+def _proof(certificate: Certificate, runs: Sequence[FreeRun]) -> list[Drawing]:
+    """Draw the bound, level sets of V and the sector forms of the first groups."""
+    model, drawings = certificate.model, _bound(certificate, runs)
+    measured = [run.measured for run in runs]
     for i, j in _pairs(model.n):
         figure, axes = _side_by_side(1, 4.6)
         plots.level_sets(axes[0], certificate, None, (i, j), measured)
@@ -309,6 +311,22 @@ def _proof(certificate: Certificate, measured: Sequence[Trajectory]) -> list[Dra
         drawings.append(_pair_drawing("level-sets", figure, model, (i, j), caption))
     count = min(len(certificate.content["groups"]), GROUPS)
     return [*drawings, _sectors(certificate, count)] if count else drawings
+
+
+def _bound(certificate: Certificate, runs: Sequence[FreeRun]) -> list[Drawing]:
+    """Draw the proved bound over the first run to which it applies."""
+    for run in runs:
+        figure, axes = _side_by_side(1, 2.9)
+        try:
+            plots.bound(axes[0], certificate, run.found)
+        except PersidError:  # no rate is claimed, or the run lies outside the certified region
+            continue
+        caption = (
+            f"Distance of the model's free run {run.number} from the operating point (red, dashed), and the bound that "
+            "the certificate proves for every input as large as this one (green)."
+        )
+        return [Drawing("bound", figure, caption, caption)]
+    return []
 
 
 def _sectors(certificate: Certificate, count: int) -> Drawing:

@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from persid.certificate import Certificate, value
+from persid.certificate import Certificate
 from persid.certify import Certified, Refuted
 from persid.model import PersidskiiModel
 
@@ -39,18 +39,9 @@ def summarize(verdict: Any) -> Summary:
     if isinstance(verdict, Certified):
         certificate = verdict.certificate
         point = [float(x) for x in certificate.operating_point]
-        rate, gain = _estimate(certificate)
+        rate, gain = certificate.rate, certificate.gain
         return Summary(name, certificate.claim, certificate.scope, point, None, rate, gain, seconds)
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds)
-
-
-def _estimate(certificate: Certificate) -> tuple[float | None, float | None]:
-    """Rate kappa/2 and gain sqrt(gamma/(kappa p)) of claims E and R."""
-    content = certificate.content
-    if "kappa" not in content:
-        return None, None
-    gamma, kappa, p = (value(content[name]) for name in ("gamma", "kappa", "p"))
-    return kappa / 2, math.sqrt(gamma / (kappa * p))
 
 
 def headline(verdict: Any, model: PersidskiiModel) -> str:
