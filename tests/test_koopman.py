@@ -198,6 +198,25 @@ def test_further_lifting_functions_are_projected_on_the_basis():
     assert np.allclose(fit.model_.A0, [[-1, 0.5], [-0.3, -1]], atol=0.15)
 
 
+def test_functions_of_states_and_inputs_can_be_lifted():
+    """A bilinear system is exact with x u among the lifting functions, held inputs being paired with both states."""
+    rng = np.random.default_rng(0)
+    u, dt = rng.uniform(-1, 1, size=(500, 1)), 0.1
+    x = [np.array([1.0])]
+    for k in range(499):
+        rate = -1 + 0.5 * u[k, 0]
+        x.append((x[-1] + u[k] / rate) * np.exp(rate * dt) - u[k] / rate)
+    data = Trajectories.from_arrays(np.array(x), u, dt=dt)
+    lifting = make_lifting(make_basis(data, ["x"], 0.0, 1.0), lambda x, u: np.hstack([x * u, x * u**2, u**2, u**3]))
+    L = koopman_generator(edmd(data, lifting), dt)
+    assert L[:2, 0] == pytest.approx([-1, 0.5], abs=2e-3)
+    assert L[5, 0] == pytest.approx(1, abs=2e-3)
+    fit = PersidskiiIdentifier(["x"], method="edmd", lifting=lambda x, u: x * u).fit(data)
+    assert fit.model_.A0[0, 0] == pytest.approx(-1, abs=0.2)
+    with pytest.raises(DataError, match="coordinates"):
+        PersidskiiIdentifier(["x"], method="edmd", lifting=lambda x, u: x * u, gamma="literal").fit(data)
+
+
 def test_unequal_steps_are_refused():
     """EDMD says that it needs equal steps and what to use instead."""
     run = linear_data()[0]

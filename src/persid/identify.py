@@ -1,7 +1,7 @@
 """PersidskiiIdentifier: measurements -> PersidskiiModel, in scikit-learn's shape."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import metadata
 from typing import Any
@@ -52,7 +52,8 @@ class PersidskiiIdentifier(BaseEstimator):
     derivatives, delays: append smoothed velocities (1), or copies delayed by 1 ... delays samples, to the states.
     threshold: None, or the share of the largest scaled coefficient of an equation below which coefficients become 0.
     refine: whether to polish the coefficients by least squares through the differential equation.
-    lifting: more lifting functions for "edmd", as expressions in x.  gamma: "coordinates" or "literal" [eq:Gamma_cal].
+    lifting: more lifting functions for "edmd", expressions in x, or a function of x (N, n) and u (N, m) that returns
+        columns.  gamma: "coordinates" or "literal" [eq:Gamma_cal].
     holdout: the share of every run that is held out for the scores of `report_`.
     allow_underdetermined: whether to return the smallest of many exact fits instead of refusing.
 
@@ -76,7 +77,7 @@ class PersidskiiIdentifier(BaseEstimator):
         delays: int = 0,
         threshold: float | int | None = None,
         refine: bool = False,
-        lifting: Sequence[str] = (),
+        lifting: Sequence[str] | Callable[[ndarray, ndarray], Any] = (),
         gamma: str = "coordinates",
         holdout: float | int = 0.2,
         allow_underdetermined: bool = False,
@@ -144,7 +145,7 @@ class PersidskiiIdentifier(BaseEstimator):
         if self.method == "derivative":
             rows = fitting.slope_rows(data, basis, _slopes(data, measured, y), self.hold)
         else:
-            lifting = make_lifting(basis, list(self.lifting))
+            lifting = make_lifting(basis, self.lifting)
             rows = fitting.koopman_rows(data, basis, lifting, parts, self.hold, self.gamma)
         return Problem(data, basis, structure, parts, rows), None
 
@@ -174,7 +175,7 @@ class PersidskiiIdentifier(BaseEstimator):
             return None
         train = _of_parts(problem.data, parts)
         if self.method == "edmd":
-            lifting = make_lifting(problem.basis, list(self.lifting))
+            lifting = make_lifting(problem.basis, self.lifting)
             rows = fitting.koopman_rows(problem.data, problem.basis, lifting, parts, self.hold, self.gamma)
             problem = replace(problem, rows=rows, parts=parts)
             kept = problem.grams()
@@ -380,7 +381,7 @@ def _check_options(estimator: PersidskiiIdentifier) -> None:
         raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
     if estimator.threshold is not None and not 0 <= estimator.threshold < 1:
         raise DataError(f"threshold={estimator.threshold!r}; needed is None or a share in [0, 1)")
-    if estimator.method != "edmd" and list(estimator.lifting):
+    if estimator.method != "edmd" and (callable(estimator.lifting) or list(estimator.lifting)):
         raise DataError('lifting= is for method="edmd"; give functions= otherwise')
 
 

@@ -3,9 +3,10 @@
 Rows are samples and psi_next = psi K, the paper's transposed convention [least_square_solution].
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,9 @@ from persid.functions import ScalarFunction, scalar_function
 from persid.gram import BLOCK, ILL_CONDITIONED, condition_number
 from persid.trajectories import Trajectories, Trajectory
 
+Mixed = Callable[[ndarray, ndarray], Any]
+
+MIXED = -2  # in place of a coordinate: a lifting function of several coordinates
 EQUAL_STEPS = 1e-3  # relative spread of the steps up to which a run counts as sampled at equal steps
 SAMPLING_ERROR = 10.0  # with regressed inputs an eigenvalue below this / sqrt(samples) cannot be told from 0
 SURE = 0.5  # an eigenvalue above this is told from 0 by any data
@@ -29,12 +33,15 @@ VANISHING = 1e-12  # relative to the largest eigenvalue
 class Lifting:
     """Lifting functions psi: coordinates x - x_ref, the basis functions, further functions, inputs, 1. Paper: Sec. 2.1.
 
-    Each function depends on one coordinate of (x, u) alone; `extra[i]` are the further ones of state i. The first n
-    functions are the coordinates, the last m + 1 the inputs and the constant.
+    Each function depends on one coordinate of (x, u) alone, `extra[i]` being the further ones of state i; but for the
+    `width` columns of `mixed`, a function of x (N, n) and u (N, m). The first n functions are the coordinates, the last
+    m + 1 the inputs and the constant.
     """
 
     basis: Basis
     extra: tuple[tuple[ScalarFunction, ...], ...] = ()
+    mixed: Mixed | None = None
+    width: int = 0
 
     @cached_property
     def _functions(self) -> tuple[int, ...]:
@@ -43,10 +50,11 @@ class Lifting:
 
     @cached_property
     def owner(self) -> tuple[int, ...]:
-        """The coordinate of chi = (x, u) that each function depends on, -1 for the constant."""
+        """The coordinate of chi = (x, u) that each function depends on, -1 for the constant, -2 for several."""
         n, m = len(self.basis.states), len(self.basis.inputs)
         extra = [i for i, functions in enumerate(self.extra) for _ in functions]
-        return (*range(n), *(int(self.basis.owner[k]) for k in self._functions), *extra, *range(n, n + m), -1)
+        functions = (int(self.basis.owner[k]) for k in self._functions)
+        return (*range(n), *functions, *extra, *[MIXED] * self.width, *range(n, n + m), -1)
 
     @property
     def size(self) -> int:
@@ -67,12 +75,29 @@ class Lifting:
             y = (x - self.basis.x_ref) / self.basis.scale
             extra = [f.value(y[:, i]) for i, functions in enumerate(self.extra) for f in functions]
             out[:, middle : middle + len(extra)] = np.transpose(extra)
+        out[:, self.mixed_columns] = self.mix(x, u)
         out[:, self.size - m - 1 : -1] = u - self.basis.u_ref
         out[:, -1] = 1
         return out
 
+    @property
+    def mixed_columns(self) -> slice:
+        """Places of the functions of several coordinates."""
+        stop = self.size - len(self.basis.inputs) - 1
+        return slice(stop - self.width, stop)
+
+    def mix(self, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]) -> Float[ndarray, "N w"]:
+        """Return the functions of several coordinates."""
+        return np.zeros((len(x), 0)) if self.mixed is None else np.asarray(self.mixed(x, u), float)
+
     def slopes(self, x: Float[ndarray, "N n"]) -> Float[ndarray, "N l"]:
-        """Return the derivative of every function by its own coordinate."""
+        """Return the derivative of every function by its own coordinate.
+
+        Raises:
+            DataError: there are functions of several coordinates.
+        """
+        if self.width:
+            raise DataError('a lifting by a function of x and u has no elementary generators; use gamma="coordinates"')
         y = (x - self.basis.x_ref) / self.basis.scale
         extra = [
             f.derivative(y[:, i]) / self.basis.scale[i] for i, functions in enumerate(self.extra) for f in functions
@@ -86,8 +111,17 @@ class Lifting:
         return np.column_stack([self.basis.values(x), u - self.basis.u_ref, np.ones(len(x))])
 
 
-def make_lifting(basis: Basis, extra: tuple[str, ...] | list[str] = ()) -> Lifting:
-    """Return the default lifting of a basis, with further functions of every (x_i - x_ref_i)/scale_i."""
+def make_lifting(basis: Basis, extra: Sequence[str] | Mixed = ()) -> Lifting:
+    """Return the default lifting of a basis, enlarged.
+
+    `extra` holds expressions, taken of every (x_i - x_ref_i)/scale_i, or is one function of x (N, n) and u (N, m) that
+    returns further columns (N, w).
+    """
+    if callable(extra):
+        probe = np.asarray(extra(basis.x_ref[None], basis.u_ref[None]))
+        if probe.ndim != 2 or len(probe) != 1:
+            raise DataError(f"lifting(x, u) returned shape {probe.shape} for one sample; needed is (1, w)")
+        return Lifting(basis, (), extra, probe.shape[1])
     functions = tuple(scalar_function(text) for text in extra)
     return Lifting(basis, (functions,) * len(basis.states) if functions else ())
 
@@ -101,7 +135,11 @@ def snapshot_pairs(run: Trajectory, lifting: Lifting, hold: str) -> Iterator[tup
     for begin in range(0, len(run) - 1, BLOCK):
         piece = run[begin : min(begin + BLOCK, len(run) - 1) + 1]
         psi = lifting.values(piece.x, piece.u)
-        yield psi[:-1], psi[1:, :moving]
+        after = psi[1:, :moving]
+        if lifting.width and hold == "zoh":
+            after = after.copy()
+            after[:, lifting.mixed_columns] = lifting.mix(piece.x[1:], piece.u[:-1])
+        yield psi[:-1], after
 
 
 def sample_step(data: Trajectories) -> float:
