@@ -50,6 +50,8 @@ def test_powers_are_products(exponent):
 def test_latex_is_readable():
     """LaTeX keeps the structure of the expression."""
     assert scalar_function("x**3").latex("x_{1}") == "x_{1}^{3}"
+    assert scalar_function("x**3").latex(r"\frac{x}{2}") == r"\left(\frac{x}{2}\right)^{3}"
+    assert scalar_function("2*x").latex("a - b") == r"2 \left(a - b\right)"
     assert scalar_function("tanh(2*x)").latex() == r"\tanh \left(2 x\right)"
     assert scalar_function("x/(1+x**2)").latex() == r"\frac{x}{1 + x^{2}}"
 

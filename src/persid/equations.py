@@ -57,7 +57,9 @@ def _products(model: PersidskiiModel, i: int, form: str) -> list[tuple[float, st
 def _tex(name: str) -> str:
     head = name.rstrip("0123456789")
     number = name[len(head) :]
-    return f"{head}_{{{number}}}" if len(head) == 1 and number else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
+    if len(head) == 1:
+        return f"{head}_{{{number}}}" if number else head
+    return rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
 
 
 def _shifted(name: str, reference: float, latex: bool) -> str:

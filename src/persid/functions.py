@@ -3,6 +3,7 @@
 The grammar and its meaning belong to `persid_check.expression`; here every instruction gets its floating-point meaning.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -141,6 +142,9 @@ def _value(program: Program, y: ndarray) -> ndarray:
     return stack.pop()
 
 
+_SYMBOL = re.compile(r"(\\?[A-Za-z]+(\{\w+\})?|\w)(_\{\w+\})?")
+
+
 def _latex_number(value: Fraction) -> str:
     return f"{float(value):.6g}"
 
@@ -156,7 +160,7 @@ def _latex(program: Program, variable: str) -> str:
         if step.name == "number":
             stack.append((_latex_number(step.value or Fraction(0)), 4))
         elif step.name == "x":
-            stack.append((variable, 4))
+            stack.append((variable, 4 if _SYMBOL.fullmatch(variable) else 0))
         elif step.name in "+-*/":
             b, a = stack.pop(), stack.pop()
             if step.name in "+-":
