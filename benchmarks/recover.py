@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 
+from persid.certify import certify
 from persid.identify import PersidskiiIdentifier
 from persid.model import PersidskiiModel
 from persid.trajectories import Trajectories
@@ -52,6 +53,8 @@ def errors(truth: PersidskiiModel, data: Trajectories, refine: bool) -> tuple[fl
 def main(count: int) -> None:
     """Print one line for each number of states."""
     for n in (1, 2, 3, 5):
+        verdict = certify(stable_model(0, n))
+        print(f"n = {n}, the first model: {type(verdict).__name__} in {verdict.seconds:.1f} s", flush=True)
         runs = [(stable_model(seed, n), seed) for seed in range(count)]
         data = [(model, simulated(model, seed)) for model, seed in runs]
         for refine in (False, True):

@@ -68,18 +68,6 @@ def test_identify_recovers_what_was_simulated(seed, n):
     assert np.abs(fine.coef_ - theta).max() < 1e-4 * np.abs(theta).max()
 
 
-@pytest.mark.slow
-def test_the_models_that_are_recovered_are_certified():
-    """The random models of the property test have certificates, and so have the models identified from them."""
-    from persid.certify import certify
-
-    for seed, n in ((0, 1), (1, 2)):
-        truth = stable_model(seed, n)
-        fit = PersidskiiIdentifier(FUNCTIONS, ridge=0.0, x_ref=0.0, scale=1.0).fit(simulated(truth))
-        assert certify(truth).is_certified
-        assert certify(fit.model_).is_certified
-
-
 @pytest.mark.parametrize("method", ["weak", "derivative"])
 @pytest.mark.parametrize("scale", [1.0, "auto"])
 def test_estimators_agree_on_clean_data(method, scale):
