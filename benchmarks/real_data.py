@@ -50,6 +50,8 @@ def line(name: str, data: Trajectories, **options: Any) -> None:
 
 def main(folder: Path) -> None:
     """Print one line a fit."""
+    if not folder.is_dir():
+        sys.exit(f"skipped: there is no folder {folder} with the measurements")
     for name, data in rig(folder).items():
         line(f"rig, {name}", data)
     inputs = ["target_theta", "target_alpha", "feedforward"]
