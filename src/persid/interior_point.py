@@ -29,6 +29,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 SHARE = 0.95  # of the way to the boundary that a step goes
+NOISE = 1e-12  # of the first distance of the bounds: a margin below it is not told from zero
 RIDGE = 1e-13  # added to the unit diagonal of the Schur complement; the next step corrects what it changes
 BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
 
@@ -96,7 +97,7 @@ def solve(
     try:
         for count in range(iterations):
             log.append(f"{count:3d}  t = {state.t: .3e}  m = {state.m: .3e}  mu = {state.mu:.1e}")
-            if state.m < 0:
+            if state.m < -NOISE * first:
                 status = Status.INFEASIBLE
                 break
             if state.t > quality * state.m:
@@ -105,7 +106,7 @@ def solve(
                 status = Status.TIME
                 break
             following = _iterate(problem, state)
-            if following is None or state.m - state.t < 1e-13 * first:
+            if following is None or state.m - state.t < NOISE * first:
                 break
             if state.m - state.t < gap * first:
                 status = Status.ROUGH
@@ -241,8 +242,9 @@ def _start(problem: Problem) -> _State:
     m = 1.5 * max(needed) + 1e-3 / problem.order
     U, x = W + m * np.eye(k), paired[free:] + m * c
     P = _inverse(U)
-    mu = 1 / (np.trace(P) + c @ (1 / x))
-    y = mu * np.concatenate([(P / (1 + np.eye(k)))[np.triu_indices(k)], 1 / x])
+    inverse = 1 / np.maximum(np.abs(x), 1e-300)
+    mu = 1 / (np.trace(P) + c @ inverse)
+    y = mu * np.concatenate([(P / (1 + np.eye(k)))[np.triu_indices(k)], inverse])
     largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
     return _State(problem, y, -float(largest) - mu * problem.order, m, X, U, x)
 
@@ -265,23 +267,26 @@ def _blocks(problem: Problem) -> list[tuple[ndarray, ...]]:
 
 
 def whitened(problem: Problem) -> tuple[Problem, Float[ndarray, "N N"]]:
-    """Return the problem in coordinates z = C w in which its dual matrix is I, and C.
+    """Return the problem in coordinates z = C w in which its dual matrix, restricted to its blocks, is I; and C."""
+    C = np.zeros((problem.order, problem.order))
+    X = _inward(problem)
+    for inside in _blocks(problem):
+        C[inside] = np.linalg.cholesky(X[inside])
+    S = sparse.csr_array(problem.S @ sparse.csr_array(C))
+    return replace(problem, S=S, H=problem.H @ C, X=np.eye(problem.order)), C
 
-    Only blocks that products hold together count. A dual matrix that was regularised so much that it left the
-    sector cone gives up most of its smallest eigenvalue.
-    """
-    blocks, free = _blocks(problem), problem.cost == 0
+
+def _inward(problem: Problem) -> ndarray:
+    """Return X0, less a multiple of I where it was regularised so much that it left the sector cone."""
+    free = problem.cost == 0
     free[: problem.free] = False
-    for share in (0.0, 0.9, 0.999, 0.999999):
-        C = np.zeros((problem.order, problem.order))
-        for inside in blocks:
-            part = problem.X[inside]
-            C[inside] = np.linalg.cholesky(part - share * np.linalg.eigvalsh(part)[0] * np.eye(len(part)))
-        S = sparse.csr_array(problem.S @ sparse.csr_array(C))
-        white = replace(problem, S=S, H=problem.H @ C, X=np.eye(problem.order))
-        if (pairings(white, white.X)[free] > 0).all():
-            break
-    return white, C
+    price, change = (pairings(problem, M)[free] for M in (problem.X, np.eye(problem.order)))
+    opposite = change < 0
+    least = float((price[opposite] / change[opposite]).max(initial=-np.inf))
+    if least < 0:
+        return problem.X
+    most = min(float(np.linalg.eigvalsh(problem.X)[0]), (price[~opposite] / change[~opposite]).min(initial=np.inf))
+    return problem.X - 0.5 * (least + most) * np.eye(problem.order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +311,9 @@ def _inverse(M: ndarray) -> ndarray:
 
 
 def _iterate(problem: Problem, state: _State) -> _State | None:
-    """One predictor-corrector step; None when the linear algebra gives out."""
+    """One predictor-corrector step; None when the linear algebra gives out, or no interior start was given."""
+    if not (state.x > 0).all():
+        return None
     try:
         Z_inverse, P_inverse = _inverse(state.Z), _inverse(state.P)
         direction = _newton(problem, state, Z_inverse, P_inverse)

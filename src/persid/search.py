@@ -64,11 +64,11 @@ def search(
         if progress is not None:
             size, steps = len(assembly.problem.cost), len(solution.log)
             progress(f"round {count}: {size} unknowns, {steps} iterations, {solution.status.name}")
-        if solution.status not in (Status.INFEASIBLE, Status.ROUGH):
+        if solution.status not in (Status.INFEASIBLE, Status.ROUGH, Status.STALLED):
             break
         grown = tuple(join(assembly, g, solution, drop=count == 1) for g in range(len(families)))
         settled = all(_contains(old, new) for old, new in zip(families, grown, strict=True))
-        if settled and solution.status is Status.INFEASIBLE:
+        if settled and solution.status is not Status.ROUGH:
             break
         families, gap = (families, 0.0) if settled else (grown, 0.1 * gap)
     return Outcome(assembly, solution, count)
