@@ -12,6 +12,7 @@ from persid_check import prover
 from persid_check.enclosure import between
 from persid_check.expression import parse
 from persid_check.prover import (
+    is_odd,
     prove_bounded,
     prove_bounded_below,
     prove_continuous,
@@ -302,3 +303,17 @@ def test_random_expressions() -> None:
 def test_many_random_expressions() -> None:
     """Of 5,000 random expressions no false one is proved."""
     assert _shares(5000, seed=3)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "odd"),
+    [
+        ("x", True), ("x**3", True), ("x**-1", True), ("x - x", True), ("-sinh(2*x)", True), ("x*abs(x)", True),
+        ("x*exp(-x**2)", True), ("tanh(x)/(1 + x**2)", True), ("abs(x)**0.5*x", True), ("sat(x) + deadzone(x)", True),
+        ("x**2", False), ("cos(x)", False), ("exp(x)", False), ("x + 1", False), ("relu(x)", False), ("x + x**2", False),
+        ("softplus(x) - softplus(-x)", False), ("sin(x + 1)", False), ("x**0.5", False), ("abs(x)", False),
+    ],
+)  # fmt: skip
+def test_odd_functions_are_known_by_their_form(text: str, odd: bool) -> None:
+    """A function is taken for odd only where its form shows it, so one side may stand for both."""
+    assert is_odd(parse(text)) is odd

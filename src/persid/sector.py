@@ -21,6 +21,7 @@ from persid_check.expression import Program
 from persid_check.prover import prove_sector_form
 
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
+LOOSE = 2.0**-8  # the same for nondecreasing forms, whose proof takes about 1 / sqrt(LOOSE) pieces
 RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
 ROUNDING = 2.0**-20
 HULL_SAMPLES = {1: 10, 2: 400, 3: 400, 4: 400, 5: 120, 6: 40}  # by dimension: the number of facets grows with a power
@@ -245,7 +246,7 @@ def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[fl
         return ()
     L = _spread(_facets(V), count)
     lack = np.max(-(fine @ L.T) / depth[:, None], axis=0, initial=0.0)  # between samples a facet may cut the curve
-    L = L + (1.25 * lack + RELAXATION)[:, None] * deepest
+    L = L + (1.25 * lack + (LOOSE if slopes else RELAXATION))[:, None] * deepest
     L = np.round(L / ROUNDING) * ROUNDING
     sparse = np.where(np.abs(L) < 16 * RELAXATION, 0.0, L)
     L = np.where((fine @ sparse.T >= 0).all(axis=0)[:, None], sparse, L)  # x**3 rather than x**3 + 1e-4 x

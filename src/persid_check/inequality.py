@@ -35,8 +35,10 @@ def assemble(claim: Stability) -> Inequality:
     E = gradient_matrix(model, groups, P, [density(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
     S = quadratic_form(model, groups, [_products(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
     EG = E * G
-    W = quadratic_form(model, groups, [_upper(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
-    return Inequality(P, G, E, S, EG + EG.T + S, embedded(P, model) + W, input_columns(claim))
+    W = embedded(P, model)
+    if claim.subject.claim in ("E", "R"):
+        W = W + quadratic_form(model, groups, [_upper(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
+    return Inequality(P, G, E, S, EG + EG.T + S, W, input_columns(claim))
 
 
 def lyapunov_matrix(claim: Stability) -> Matrix:

@@ -37,6 +37,8 @@ from persid_check.side import (
 )
 
 MARCHES = (32, 256, 2048)  # steps, tried in this order
+ODD_FUNCTIONS = frozenset(["sin", "tan", "sinh", "tanh", "arcsinh", "arctan", "erf", "softsign", "deadzone", "sat"])
+EVEN_FUNCTIONS = frozenset(["cos", "cosh", "abs"])
 _ZERO, _ONE = Fraction(0), Fraction(1)
 _Arguments = ParamSpec("_Arguments")
 
@@ -267,8 +269,38 @@ def _proved(curve: Curve, form: Form, domain: Domain, shift: Shift, wanted: Prop
     if domain is not None and not domain[0] < 0 < domain[1]:
         return False
     ends = (None, None) if domain is None else (domain[1], -domain[0])
-    sides = [Side(curve, form, sign, shift) for sign in (1, -1)]
-    return all(Proof(side, end, wanted, strict).run() for side, end in zip(sides, ends, strict=True))
+    mirrored = shift is None and ends[0] == ends[1] and all(is_odd(program) for program, _ in curve)
+    sides = [Side(curve, form, sign, shift) for sign in ((1,) if mirrored else (1, -1))]
+    return all(Proof(side, end, wanted, strict).run() for side, end in zip(sides, ends, strict=False))
+
+
+@lru_cache(maxsize=4096)
+def is_odd(program: Program) -> bool:
+    """Whether f(-x) = -f(x) follows from the form of the program: then G(t) is the same on both sides."""
+    stack: list[int | None] = []  # 1 odd, 0 even, None neither
+    for step in program:
+        if step.name in ("x", "number"):
+            stack.append(1 if step.name == "x" else 0)
+        elif step.name in ("+", "-", "*", "/"):
+            b, a = stack.pop(), stack.pop()
+            if a is None or b is None:
+                stack.append(None)
+            else:
+                stack.append((a + b) % 2 if step.name in "*/" else a if a == b else None)
+        elif step.name != "neg":
+            a = stack.pop()
+            keeps = step.name in ODD_FUNCTIONS or (step.name == "**" and _is_odd_integer(step.value))
+            folds = step.name in EVEN_FUNCTIONS or (step.name == "**" and _is_even_integer(step.value))
+            stack.append(a if a == 0 or (a == 1 and keeps) else 0 if a == 1 and folds else None)
+    return stack[-1] == 1
+
+
+def _is_odd_integer(value: Fraction | None) -> bool:
+    return value is not None and value.denominator == 1 and value.numerator % 2 == 1
+
+
+def _is_even_integer(value: Fraction | None) -> bool:
+    return value is not None and value.denominator == 1 and value.numerator % 2 == 0
 
 
 def _some(places: Iterable[Fraction], side: Side, test: Callable[[Side, Expansion, Expansion], bool]) -> bool:
