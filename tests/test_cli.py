@@ -18,6 +18,7 @@ import pytest
 import persid as ps
 from persid import certify as _  # noqa: F401  (the module is loaded, so that the name below can be patched)
 from persid import cli, folder, talk
+from persid.certificate import _decimal
 from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -225,6 +226,23 @@ def _identified(path: str) -> Callable[..., Any]:
         return fit
 
     return identify
+
+
+def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no certificate of the family exists, the proof of that is delivered, checked, and shown again."""
+    data = (VALID / "infeasible_full.json").read_bytes()
+    form = json.loads(data)["model"]
+    (here / "m.json").write_text(json.dumps(_decimal(form)))
+    obstruction = ps.Obstruction(data, ps.check(VALID / "infeasible_full.json").statement)  # type: ignore[union-attr]
+    verdict = Undecided(Reason.INFEASIBLE, "", (), obstruction)
+    monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
+    monkeypatch.setattr(cli, "_identify", _identified("m.json"))
+    (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
+    words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]
+    assert cli.main(words) == 3
+    assert cli.main(["check", "out/infeasible.json"]) == 0
+    assert "python -m persid_check infeasible.json" in (here / "out" / "report.html").read_text()
+    assert cli.main(["report", "out"]) == 0
 
 
 def test_several_models(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -577,6 +595,18 @@ def test_summary_of_rates() -> None:
     brief = summarize(Certified(ps.load_certificate(VALID / "e_mixed_pair.json")))
     assert brief.rate == 0.25
     assert brief.gain == pytest.approx(2.13472, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("number", "low", "high"), [(0.157451, "0.1574", "0.1575"), (2.0, "2", "2"), (0.125, "0.125", "0.125")]
+)
+def test_shown_bounds_are_rounded_outwards(number: float, low: str, high: str) -> None:
+    """A shown rate is rounded down, a shown gain up; exact numbers stay."""
+    from persid.summary import above, below
+
+    assert float(below(number)) <= number <= float(above(number))
+    assert float(below(number)) == pytest.approx(float(low), rel=1e-9)
+    assert float(above(number)) == pytest.approx(float(high), rel=1e-3)
 
 
 def test_command_line_pages_are_up_to_date() -> None:

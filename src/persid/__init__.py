@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from persid.identify import PersidskiiIdentifier as PersidskiiIdentifier
     from persid.model import PersidskiiModel as PersidskiiModel
     from persid.model import load_model as load_model
+    from persid.obstruction import Obstruction as Obstruction
     from persid.readers import read_csv as read_csv
     from persid.readers import read_parquet as read_parquet
     from persid.trajectories import Trajectories as Trajectories
@@ -43,6 +44,7 @@ _HOMES = {
     "persid.errors": ("DataError", "GeneratorError", "ModelError", "PersidError", "UnderdeterminedError"),
     "persid.identify": ("PersidskiiIdentifier",),
     "persid.model": ("PersidskiiModel", "load_model"),
+    "persid.obstruction": ("Obstruction",),
     "persid.readers": ("read_csv", "read_parquet"),
     "persid.trajectories": ("Trajectories", "Trajectory"),
     "persid.witness": ("Witness",),
@@ -58,6 +60,7 @@ __all__ = [
     "GeneratorError",
     "Malformed",
     "ModelError",
+    "Obstruction",
     "OperatingPoint",
     "PersidError",
     "PersidskiiIdentifier",

@@ -290,7 +290,7 @@ def _deliver(output: Path, results: Any) -> str:
     from persid import folder
     from persid.report import write_report
 
-    stale = [folder.CERTIFICATE, folder.WITNESS, folder.OBSTRUCTION, f"{folder.FIGURES}/*.png"]
+    stale = [folder.CERTIFICATE, folder.WITNESS, folder.OBSTRUCTION, folder.INFEASIBLE, f"{folder.FIGURES}/*.png"]
     with folder.delivery(output, stale) as stage:
         results.model.save(stage / folder.MODEL)
         proof = folder.write_verdict(stage, results.verdict, results.model)
@@ -385,12 +385,13 @@ def _scores(report: Any) -> dict[str, Any]:
 
 
 def _verdict_rows(verdict: Any) -> list[tuple[str, str]]:
-    from persid.summary import summarize
+    from persid.summary import above, below, summarize
 
     brief = summarize(verdict)
     if verdict.is_certified:
         text = f"certified: input-to-state stable, {brief.scope} (claim {brief.claim}), {brief.seconds:.2g} s"
-        bounds = [f"rate {brief.rate:.4g} 1/s, gain {brief.gain:.4g}"] if brief.rate and brief.gain else []
+        known = brief.rate is not None and brief.gain is not None
+        bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"] if known else []
         return [("verdict", "\n".join([text, *bounds]))]
     return [("verdict", f"{brief.verdict}: {brief.reason}")]
 

@@ -22,6 +22,7 @@ from persid.errors import PersidError
 from persid.files import write_atomically
 from persid.freerun import Score
 from persid.model import PersidskiiModel, load_model
+from persid.obstruction import Obstruction
 from persid.readers import read_csv, read_parquet
 from persid.trajectories import Trajectories
 from persid.validation import Curve
@@ -29,6 +30,7 @@ from persid.witness import Witness
 
 MODEL, RECORD, REPORT, FIGURES = "model.json", "run.json", "report.html", "figures"
 CERTIFICATE, WITNESS, OBSTRUCTION = "certificate.json", "witness.json", "obstruction.json"
+INFEASIBLE = "infeasible.json"  # the proof of an obstruction, where there is one
 RECORD_FORMAT, OBSTRUCTION_FORMAT = "persid-run-1", "persid-obstruction-1"
 PACKAGES = ("persid", "numpy", "scipy", "scikit-learn", "pandas", "python-flint")
 
@@ -133,6 +135,8 @@ def write_verdict(folder: Path, verdict: Any, model: PersidskiiModel) -> str:
         return CERTIFICATE
     if isinstance(verdict, Undecided):
         write_atomically(folder / OBSTRUCTION, _json(_obstruction(verdict, model)))
+        if verdict.obstruction is not None:
+            verdict.obstruction.save(folder / INFEASIBLE)
         return OBSTRUCTION
     if not isinstance(verdict, Refuted):
         raise FolderError(f"{verdict!r} is no verdict")
@@ -148,6 +152,7 @@ def _obstruction(verdict: Undecided, model: PersidskiiModel) -> dict[str, Any]:
         "sentence": verdict.reason.value,
         "detail": verdict.detail,
         "model_sha256": model.sha256,
+        "proof": INFEASIBLE if verdict.obstruction else None,
         "attempts": [asdict(attempt) for attempt in verdict.attempts],
     }
 
@@ -200,7 +205,8 @@ def _read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt,
     if content.get("model_sha256") != model.sha256:
         raise FolderError(f"{folder}: {OBSTRUCTION} speaks of another model than {MODEL}; run persid run again")
     try:
-        return Undecided(Reason[content["reason"]], content["detail"], attempts)
+        proof = _infeasible(folder / INFEASIBLE, model) if content["proof"] else None
+        return Undecided(Reason[content["reason"]], content["detail"], attempts, proof)
     except KeyError as error:
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
 
@@ -216,14 +222,25 @@ def _certificate(path: Path, model: PersidskiiModel) -> Certificate:
 
 
 def _witness(path: Path, model: PersidskiiModel) -> Witness:
+    data, content, answer = _accepted(path, model, "refuted")
+    return Witness(data, content["witness"]["kind"], content["statement"], answer.statement, answer.steps)
+
+
+def _infeasible(path: Path, model: PersidskiiModel) -> Obstruction:
+    data, _, answer = _accepted(path, model, "infeasible")
+    return Obstruction(data, answer.statement)
+
+
+def _accepted(path: Path, model: PersidskiiModel, claim: str) -> tuple[bytes, dict[str, Any], persid_check.Accepted]:
+    """Read a file that the checker accepts as a proof of the claim about this model."""
     data = path.read_bytes()
     answer = persid_check.check(data)
-    if not isinstance(answer, persid_check.Accepted) or answer.claim != "refuted":
-        raise FolderError(f"{path}: the checker does not accept it as a witness: {answer}")
+    if not isinstance(answer, persid_check.Accepted) or answer.claim != claim:
+        raise FolderError(f"{path}: the checker does not accept it as a proof of the claim {claim!r}: {answer}")
     content = json.loads(data)
     if content["model_sha256"] != model.sha256:
         raise FolderError(f"{path}: it speaks of another model than {MODEL}; run persid run again")
-    return Witness(data, content["witness"]["kind"], content["statement"], answer.statement, answer.steps)
+    return data, content, answer
 
 
 def _read_record(path: Path) -> Record:

@@ -27,7 +27,7 @@ MEASURED, MODEL, LEVEL, FIELD, FORM = "#0072b2", "#d55e00", "#009e73", "#888888"
 POINTS = 1200  # a longer curve is drawn by its extremes in so many intervals
 GRID = 81  # points a side on which V is evaluated
 ARROWS = 17
-MOST_LEVELS = 25
+MOST_LEVELS = 16
 BOUND_POINTS = 80
 DASHES = (0, (4, 2))
 
@@ -124,7 +124,7 @@ def level_sets(
     X, Y, points = _mesh(box, states, GRID, point)
     with np.errstate(all="ignore"):
         V = np.nan_to_num(certificate.V(points), nan=0.0, posinf=1e300).reshape(X.shape)
-    ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=0.8 if region else 1.3, zorder=2)
+    ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=0.8 if region else 1.1, zorder=2)
     if region:
         ax.contour(X, Y, V, levels=[value(region["level"])], colors=LEVEL, linewidths=3, zorder=2)
         ax.contourf(X, Y, V, levels=[V.min() - 1, value(region["level"])], colors=LEVEL, alpha=0.12, zorder=0)
@@ -163,7 +163,7 @@ def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
         ax.plot(y, curve / _top(curve), color=MEASURED, lw=3.2, alpha=0.45, label=None if k else "functions")
     forms = np.array([[value(c) for c in form] for form in certificate.content["groups"][group]["forms"]])
     for k, curve in enumerate(forms.reshape(-1, len(phi)) @ phi):
-        ax.plot(y, curve / _top(curve), color=FORM, lw=1.3, ls=DASHES, label=None if k else "sector forms")
+        ax.plot(y, curve / _top(curve), color=FORM, lw=1.0, ls=DASHES, label=None if k else "sector forms")
     ax.fill_between(y, 0, np.sign(y) * 1.08, color=LEVEL, alpha=0.1, lw=0)
     ax.set_xlim(low, high)
     ax.set_ylim(-1.08, 1.08)

@@ -23,10 +23,10 @@ from persid.certify import Certified, Refuted
 from persid.equations import equations
 from persid.errors import PersidError
 from persid.files import write_atomically
-from persid.folder import CERTIFICATE, FIGURES, MODEL, REPORT, WITNESS, Results
+from persid.folder import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS, Results
 from persid.freerun import one_step, score
 from persid.model import PersidskiiModel
-from persid.summary import headline, limits, summarize
+from persid.summary import above, below, headline, limits, summarize
 from persid.trajectories import Trajectories, Trajectory
 from persid_check import groups
 
@@ -100,7 +100,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
     template = _environment().get_template("report.html.jinja")
     model, verdict = results.model, results.verdict
     certificate = verdict.certificate if isinstance(verdict, Certified) else None
-    proof = verdict.witness if isinstance(verdict, Refuted) else certificate
+    proof, claim, name = _proven(verdict)
     return template.render(
         model=model,
         verdict=verdict,
@@ -109,8 +109,9 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
         limits=limits(verdict, model),
         certificate=certificate,
         proof=proof,
+        claim=claim,
         proof_sha256=hashlib.sha256(proof.data).hexdigest() if proof else None,
-        files={"model": MODEL, "proof": CERTIFICATE if certificate else WITNESS},
+        files={"model": MODEL, "proof": name},
         equations=_equations(model),
         coefficients=_coefficients(model),
         data=results.data,
@@ -124,11 +125,26 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
     )
 
 
+def _proven(verdict: Any) -> tuple[Any, str, str]:
+    """Return what the checker has accepted (or None), its claim, and the name of its file."""
+    if isinstance(verdict, Certified):
+        return verdict.certificate, verdict.certificate.claim, CERTIFICATE
+    if isinstance(verdict, Refuted):
+        return verdict.witness, "refuted", WITNESS
+    return verdict.obstruction, "infeasible", INFEASIBLE
+
+
 def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("persid"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"figure": _number, "step": _median_step, "basename": lambda path: Path(path).name}
+    environment.filters |= {
+        "below": below,
+        "above": above,
+        "figure": _number,
+        "step": _median_step,
+        "basename": lambda path: Path(path).name,
+    }
     return environment
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
 from persid.certificate import Certificate
@@ -42,6 +43,16 @@ def summarize(verdict: Any) -> Summary:
         rate, gain = certificate.rate, certificate.gain
         return Summary(name, certificate.claim, certificate.scope, point, None, rate, gain, seconds)
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds)
+
+
+def below(number: float, digits: int = 4) -> str:
+    """Return a number as text, rounded down: a rate must not look better than what is proved."""
+    return f"{Context(prec=digits, rounding=ROUND_FLOOR).create_decimal_from_float(number).normalize():g}"
+
+
+def above(number: float, digits: int = 4) -> str:
+    """Return a number as text, rounded up: a gain must not look smaller than what is proved."""
+    return f"{Context(prec=digits, rounding=ROUND_CEILING).create_decimal_from_float(number).normalize():g}"
 
 
 def headline(verdict: Any, model: PersidskiiModel) -> str:
@@ -90,6 +101,11 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
         )
     if summarize(verdict).rate is None:
         found.append("It gives no number for how fast the start is forgotten or how strongly inputs act.")
+    if model.domain is not None and verdict.certificate.scope == "global":
+        found.append(
+            "It holds for the model beyond the range of the measurements too, where nothing has compared the model "
+            "with the plant."
+        )
     if verdict.certificate.scope == "regional":
         found.append("It says nothing about starts outside the region.")
     return tuple(found)
