@@ -390,8 +390,9 @@ def _verdict_rows(verdict: Any) -> list[tuple[str, str]]:
     brief = summarize(verdict)
     if verdict.is_certified:
         text = f"certified: input-to-state stable, {brief.scope} (claim {brief.claim}), {brief.seconds:.2g} s"
-        known = brief.rate is not None and brief.gain is not None
-        bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"] if known else []
+        bounds = []
+        if brief.rate is not None and brief.gain is not None:
+            bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"]
         return [("verdict", "\n".join([text, *bounds]))]
     return [("verdict", f"{brief.verdict}: {brief.reason}")]
 
