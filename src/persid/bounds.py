@@ -1,6 +1,8 @@
 """Rigorous numbers of a certificate: V at a state, and the bound of |x(t) - x*| (claims E and R), rounded outwards.
 
-    |x(t) - x*| <= sqrt(V(x0) / p) exp(-kappa t / 2) + sqrt(gamma / (kappa p)) sup|u - u*|
+For every input, and every x(0) for which the claim holds, it says
+
+    |x(t) - x*| <= sqrt(V(x(0)) / p) exp(-kappa t / 2) + sqrt(gamma / (kappa p)) sup|u - u*|.
 """
 
 import math
@@ -15,7 +17,7 @@ from numpy import ndarray
 
 from persid_check.enclosure import Interval, between, constant, value, value_and_slope
 from persid_check.expression import Program
-from persid_check.model import read_model, groups_of
+from persid_check.model import groups_of, read_model
 
 PIECES = 256  # of an integral; the error of the enclosure falls with their square
 BITS = 128
@@ -34,8 +36,7 @@ def below(number: Fraction) -> float:
 
 def above(ball: arb) -> float:
     """Return a float that is not smaller than any number of a ball."""
-    mantissa, exponent = ball.upper().man_exp()
-    return -below(-Fraction(int(mantissa)) * Fraction(2) ** int(exponent))
+    return -below(-_upper(ball))
 
 
 def gain(content: Mapping[str, Any]) -> arb:
@@ -60,6 +61,17 @@ def bound(
         return np.array([above(start * (-rate * arb(float(s))).exp() + steady) for s in t])
 
 
+def is_in_region(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> bool:
+    """Whether x lies in the region of a claim R, by proof, for every x* in the ball of the operating point."""
+    point = content["operating_point"]
+    margin = Fraction(0) if point is None else 2 * exact(point["radius"])  # X = box - x*, shrunk by the ball
+    for (low, high), v in zip(content["box"], x, strict=True):
+        if not exact(low) + margin <= Fraction(float(v)) <= exact(high) - margin:
+            return False
+    with ctx.workprec(BITS):
+        return bool(_upper(lyapunov(content, x).hi) <= exact(content["level"]))
+
+
 def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
     """Return an enclosure of V(x), for every x* in the ball of the operating point."""
     model = read_model(content["model"])
@@ -79,6 +91,11 @@ def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
                 shift = at if point is not None else None
                 total = total + constant(2 * weight) * _integral(model.channels[c].program, alpha, y, shift)
     return total
+
+
+def _upper(ball: arb) -> Fraction:
+    mantissa, exponent = ball.upper().man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
 
 
 def _ball(number: Fraction) -> arb:

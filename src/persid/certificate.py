@@ -17,9 +17,8 @@ from numpy import ndarray
 
 import persid_check
 from persid import bounds
-from persid.errors import PersidError
+from persid.errors import ModelError, PersidError
 from persid.files import write_atomically
-from persid.functions import scalar_function
 from persid.model import PersidskiiModel
 
 FORMAT = "persid-certificate-1"
@@ -110,39 +109,42 @@ class Certificate:
         """The level c of the certified region {V <= c} of a regional claim; None for global claims."""
         return bounds.below(bounds.exact(self.content["level"])) if self.claim == "R" else None
 
-    def overshoot(self, x0: Float[ndarray, " n"]) -> float:
+    def overshoot(self, x0: Any) -> float:
         """Return sqrt(V(x0)/p), rounded up: without input |x(t) - x*| never exceeds it.
 
         Raises:
             PersidError: the claim has no rate, or x0 lies outside the certified region.
         """
-        self._estimated(x0)
-        return bounds.above(bounds.overshoot(self.content, x0))
+        return bounds.above(bounds.overshoot(self.content, self._start(x0)))
 
-    def bound(self, x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
+    def bound(self, x0: Any, u_sup: float, t: Any) -> Float[ndarray, " N"]:
         """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
 
         Rounded outwards, in the user's units; where b counts as one more input (no operating point), it is included.
 
         Raises:
             PersidError: the claim has no rate, x0 lies outside the certified region, or u_sup exceeds its input bound.
+            ModelError: x0, u_sup or t is no state, no size of an input, or no times from 0 on.
         """
-        self._estimated(x0)
+        x0, t = self._start(x0), np.atleast_1d(np.asarray(t, float))
+        if not (0 <= u_sup < np.inf and (t >= 0).all()):
+            raise ModelError(f"sup|u - u*| = {u_sup} and the times t must be finite and at least 0")
         if self.input_bound is not None and u_sup > self.input_bound:
             raise PersidError(f"sup|u - u*| = {u_sup:g} exceeds the {self.input_bound:g} that the certificate admits")
         if self.content["operating_point"] is None and self.model.b.any():
             u_sup = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf))
-        return bounds.bound(self.content, x0, u_sup, np.asarray(t, float))
+        return bounds.bound(self.content, x0, float(u_sup), t)
 
-    def _estimated(self, x0: ndarray) -> None:
+    def _start(self, x0: Any) -> ndarray:
+        """Return x0 as a state from which the estimate holds."""
         if self.claim not in ("E", "R"):
             raise PersidError(f"claim {self.claim} has no rate and no gain; certify gives them (claim E) where it can")
-        if self.claim == "R":
-            box = np.array([[value(pair) for pair in side] for side in self.content["box"]])
-            inside = (box[:, 0] <= x0).all() and (x0 <= box[:, 1]).all()
-            level = bounds.exact(self.content["level"])
-            if not (inside and bounds.Fraction(bounds.above(bounds.lyapunov(self.content, x0).hi)) <= level):
-                raise PersidError(f"x0 = {np.asarray(x0).tolist()} is not proved to lie in the certified region")
+        x0 = np.asarray(x0, float)
+        if x0.shape != (self.model.n,) or not np.isfinite(x0).all():
+            raise ModelError(f"x0 is {x0.tolist()}; needed are {self.model.n} finite numbers")
+        if self.claim == "R" and not bounds.is_in_region(self.content, x0):
+            raise PersidError(f"x0 = {x0.tolist()} is not proved to lie in the certified region")
+        return x0
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
         """Return the Lyapunov function at states x (N, n): V(x) = dx'P dx + 2 sum of integrals, dx = x - x*."""
@@ -206,7 +208,7 @@ def rounded(numbers: Float[ndarray, "*shape"], bits: int = BITS) -> Float[ndarra
 
 
 def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
-    """Return an integer inverse Cholesky factor T of M (T M T' nearly diagonal): the untrusted half of a proof that M > 0.
+    """Return an integer inverse Cholesky factor T of M: T M T' is nearly diagonal, the untrusted half of a proof.
 
     Raises:
         RoundingError: M is not positive definite in floating point.

@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy import ndarray
 
 from persid.certificate import Certificate, RoundingError
-from persid.equilibrium import OperatingPoint, find_operating_point
+from persid.equilibrium import OperatingPoint, find_operating_point, vector
 from persid.errors import ModelError
 from persid.interior_point import Status
 from persid.model import PersidskiiModel
@@ -130,6 +131,7 @@ class _Log:
     deadline: float
     progress: Progress
     attempts: list[Attempt] = field(default_factory=list)
+    best: Certificate | None = None  # what an interruption leaves
 
     def left(self) -> float:
         """Seconds until the time limit."""
@@ -144,7 +146,7 @@ class _Log:
         try:
             yield outcome
         finally:
-            self.attempts.append(Attempt(what, *(outcome or ["interrupted"]), time.perf_counter() - started))
+            self.attempts.append(Attempt(what, outcome[0] if outcome else "interrupted", time.perf_counter() - started))
 
 
 def certify(
@@ -163,36 +165,53 @@ def certify(
 
     Args:
         model: the model; the verdict is about it, not about the plant.
-        operating_point: "auto" (the equilibrium nearest to x_ref) or a state near the equilibrium that is meant.
+        operating_point: "auto" (the equilibrium nearest to x_ref) or a state; the equilibrium nearest to it is meant.
         u_op: the nominal constant input, (m,), default u_ref.
         domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
         time_limit: seconds after which the search stops with what it has.
         progress: is called with a line of text at each step.
 
     Returns:
-        Certified with a certificate, or Refuted with a witness, that `persid_check` has accepted; else Undecided.
+        Certified with a certificate, or Refuted with a witness, that `persid_check` has accepted; else Undecided. After
+        Ctrl-C the best that was reached: a certificate without a rate, or Undecided.
 
     Raises:
         ModelError: an argument does not fit the model.
     """
+    if not time_limit >= 0:
+        raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     log = _Log(time.perf_counter() + time_limit, progress or (lambda line: None))
-    box = _box(model, domain)
+    near, box = _near(model, operating_point), _box(model, domain)
+    u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
     try:
-        near = None if isinstance(operating_point, str) else operating_point
-        with log.attempt("equilibria at the nominal input") as outcome:
-            points = find_operating_point(model, u_op, near=near)
-            outcome.append(f"{len(points)} found and proved")
-        verdict = _global(model, points, u_op, log) if box is None else None
-        if isinstance(verdict, Certified | Refuted):
-            return verdict
-        box = model.domain if box is None else box
-        regional = None if box is None else _regional(model, points, box, log)
-        if isinstance(regional, Certificate):
-            return Certified(regional, tuple(log.attempts))
-        failure = verdict if isinstance(verdict, _Failure) else regional
-        return (failure or _Failure(Reason.OUTSIDE, "No box was given.")).undecided(log)
+        return _decide(model, near, u, box, log)
     except KeyboardInterrupt:
-        return Undecided(Reason.INTERRUPTED, "Run it again with more time.", tuple(log.attempts))
+        if log.best is not None:
+            return Certified(log.best, tuple(log.attempts))
+        return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
+
+
+def _decide(model: PersidskiiModel, near: ndarray | None, u: ndarray, box: ndarray | None, log: "_Log") -> Verdict:
+    """Answer the global question, unless a box is given; then the regional one, where there is a box."""
+    with log.attempt("equilibria at the nominal input") as outcome:
+        points = find_operating_point(model, u, near=near)
+        outcome.append(f"{len(points)} found and proved")
+    verdict = None if box is not None else _global(model, points, u, log)
+    if isinstance(verdict, Certified | Refuted):
+        return verdict
+    box = model.domain if box is None else box
+    regional = verdict if box is None else _regional(model, points, box, log)
+    if isinstance(regional, Certificate):
+        return Certified(regional, tuple(log.attempts))
+    failure = verdict or regional or _FAILURES[Status.TIME]
+    return failure.undecided(log)
+
+
+def _near(model: PersidskiiModel, operating_point: Any) -> ndarray | None:
+    """Return the state near which the operating point is meant, None for the one nearest to x_ref."""
+    if isinstance(operating_point, str) and operating_point == "auto":
+        return None
+    return vector('operating_point, if not "auto",', operating_point, model.n)
 
 
 def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
@@ -203,31 +222,42 @@ def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
         if domain == "data" and model.domain is None:
             raise ModelError('domain="data" needs a model with a box of data; give the box as [[lo, hi], …]')
         return model.domain if domain == "data" else None
-    box = np.asarray(domain, float)
-    if box.shape != (model.n, 2) or not (box[:, 0] < box[:, 1]).all():
-        raise ModelError(f"a box needs one [lo, hi] with lo < hi for each of the {model.n} states")
+    try:
+        box = np.array(domain, float)
+    except (TypeError, ValueError):
+        box = np.zeros(0)
+    if box.shape != (model.n, 2) or not (np.isfinite(box).all() and (box[:, 0] < box[:, 1]).all()):
+        raise ModelError(f"a box needs one finite [lo, hi] with lo < hi for each of the {model.n} states")
     return box
 
 
 def _global(
-    model: PersidskiiModel, points: tuple[OperatingPoint, ...], u_op: Any, log: _Log
+    model: PersidskiiModel, points: tuple[OperatingPoint, ...], u: ndarray, log: "_Log"
 ) -> Certified | Refuted | _Failure:
     """Refute if that is cheap; else try a diagonal P, then a full P where the size allows it."""
-    u = model.u_ref if u_op is None else np.asarray(u_op, float)
     with log.attempt("witnesses against stability") as outcome:
         witness = find_witness(model, u, points)
         outcome.append("none" if witness is None else witness.kind)
     if witness is not None:
         return Refuted(witness, tuple(log.attempts))
-    setting = Setting.of(model, points[0] if points else None)
-    kinds = ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
-    for kind in kinds:
+    if not points:
+        return _Failure(Reason.OUTSIDE, _NO_POINT)
+    if log.left() <= 0:
+        return _FAILURES[Status.TIME]
+    setting, failure = Setting.of(model, points[0]), _FAILURES[Status.TIME]
+    for kind in _kinds(model):
         with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
-            answer = _settled(setting, lambda kind=kind: _margin(setting, kind == "full", log), log)
+            answer = _settled(setting, partial(_margin, setting, kind == "full", log), log)
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
+            log.best = answer
             return Certified(_rated(setting, kind == "full", answer, log), tuple(log.attempts))
-    return answer
+        failure = answer
+    return failure
+
+
+def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
+    return ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
 
 
 def _rated(setting: Setting, full_P: bool, certificate: Certificate, log: _Log) -> Certificate:
@@ -235,7 +265,7 @@ def _rated(setting: Setting, full_P: bool, certificate: Certificate, log: _Log) 
     if certificate.claim == "M" or setting.model.n > RATED_STATES or log.left() <= 0:
         return certificate
     with log.attempt("rate and gain") as outcome:
-        answer = _settled(setting, lambda: _rate_and_gain(setting, full_P, None, log), log)
+        answer = _settled(setting, partial(_rate_and_gain, setting, full_P, None, log), log)
         outcome.append(_word(answer))
     return answer if isinstance(answer, Certificate) else certificate
 
@@ -244,15 +274,17 @@ def _regional(
     model: PersidskiiModel, points: tuple[OperatingPoint, ...], box: ndarray, log: _Log
 ) -> Certificate | _Failure:
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
-    answer: Certificate | _Failure = _Failure(Reason.OUTSIDE, "No equilibrium was found inside the box.")
+    answer = _Failure(Reason.OUTSIDE, "No equilibrium at the nominal input was found and proved inside the box.")
     for point in points:
         reach = np.minimum(point.x - box[:, 0], box[:, 1] - point.x) - point.radius
         if not (reach > 0).all():
             continue
+        if log.left() <= 0:
+            return _FAILURES[Status.TIME]
         setting = Setting.of(model, point, box)
-        for kind in ("diagonal", "full")[: 1 if model.n == 1 or model.n > FULL_P_STATES else 2]:
+        for kind in _kinds(model):
             with log.attempt(f"region in the box, {kind} P") as outcome:
-                tried = _settled(setting, lambda s=setting, r=reach, k=kind: _rate_and_gain(s, k == "full", r, log), log)
+                tried = _settled(setting, partial(_rate_and_gain, setting, kind == "full", reach, log), log)
                 outcome.append(_word(tried))
             if isinstance(tried, Certificate):
                 return tried
@@ -264,15 +296,15 @@ def _word(answer: Certificate | _Failure) -> str:
     return f"certified, claim {answer.claim}" if isinstance(answer, Certificate) else answer.reason.name.lower()
 
 
-def _settled(
-    setting: Setting, find: Callable[[], Lyapunov | _Failure], log: _Log
-) -> Certificate | _Failure:
-    """Find, prove what is used, write and check; what cannot be proved leaves the pools, and the search is made again."""
-    while True:
+def _settled(setting: Setting, find: Callable[[], Lyapunov | _Failure], log: _Log) -> Certificate | _Failure:
+    """Find, prove what is used, write and check; what is not proved leaves the pools, and the search is made again."""
+    unproved: list[str] = []
+    while log.left() > 0:
         try:
             found = find()
             if not isinstance(found, Lyapunov):
-                return found
+                lacking = found.reason in (Reason.NOT_FOUND, Reason.INFEASIBLE) and unproved
+                return _Failure(Reason.FORM, _UNPROVED.format("; ".join(unproved[:4]))) if lacking else found
             log.progress("proving properties of the functions")
             dropped = setting.without_unproved(found)
             if not dropped:
@@ -282,8 +314,8 @@ def _settled(
             return _Failure(Reason.ROUNDING, str(error))
         for line in dropped:
             log.progress(f"not proved and dropped: {line}")
-        if log.left() <= 0:
-            return _FAILURES[Status.TIME]
+        unproved += dropped
+    return _FAILURES[Status.TIME]
 
 
 def _margin(setting: Setting, full_P: bool, log: _Log) -> Lyapunov | _Failure:
@@ -291,13 +323,15 @@ def _margin(setting: Setting, full_P: bool, log: _Log) -> Lyapunov | _Failure:
     found = search(setting.system, setting.pools, full_P=full_P, time_limit=log.left(), progress=log.progress)
     if found.status is Status.FEASIBLE:
         return choose(found.assembly, found.solution.y)
+    if found.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
     obstruction = find_obstruction(setting.model, found) if found.status is Status.INFEASIBLE else None
-    return _FAILURES.get(found.status, _FAILURES[Status.STALLED]) if obstruction is None else _Failure(Reason.INFEASIBLE, _TRY, obstruction)
+    if obstruction is not None:
+        return _Failure(Reason.INFEASIBLE, _TRY, obstruction)
+    return _FAILURES.get(found.status, _FAILURES[Status.STALLED])
 
 
-def _rate_and_gain(
-    setting: Setting, full_P: bool, reach: ndarray | None, log: _Log
-) -> Lyapunov | _Failure:
+def _rate_and_gain(setting: Setting, full_P: bool, reach: ndarray | None, log: _Log) -> Lyapunov | _Failure:
     """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate."""
     fastest = -2 * float(np.linalg.eigvals(setting.jacobian).real.max())
     if fastest <= 0:
@@ -312,9 +346,10 @@ def _rate_and_gain(
 
 
 _TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
+_NO_POINT = "No equilibrium at the nominal input was found and proved; name a state near it, or another input (u_op)."
+_UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."
 _FAILURES = {
     Status.INFEASIBLE: _Failure(Reason.NOT_FOUND, _TRY),
     Status.STALLED: _Failure(Reason.STALLED, "The margin is close to zero: a little more ridge usually decides it."),
     Status.TIME: _Failure(Reason.TIME, "Give more time (time_limit)."),
-    Status.INTERRUPTED: _Failure(Reason.INTERRUPTED, "Run it again with more time."),
 }

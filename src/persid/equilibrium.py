@@ -13,7 +13,7 @@ from persid.certificate import dyadic, dyadics
 from persid.errors import ModelError
 from persid.model import PersidskiiModel
 
-STARTS = 64  # points from which Newton's method sets out
+STARTS = 64  # points from which Newton's method sets out, for up to 20 states
 REACH = 4.0  # starts fill the box of the data, enlarged this many times about its centre
 
 
@@ -32,21 +32,31 @@ class OperatingPoint:
 
 
 def find_operating_point(
-    model: PersidskiiModel, u: Sequence[float] | ndarray | None = None, *, near: Any = None, seed: int = 0
+    model: PersidskiiModel,
+    u: Sequence[float] | ndarray | None = None,
+    *,
+    near: Any = None,
+    starts: int | None = None,
+    seed: int = 0,
 ) -> tuple[OperatingPoint, ...]:
-    """Return the equilibria found for a constant input (default u_ref), each one proved, nearest to x_ref (or `near`) first.
+    """Return the equilibria found for a constant input, each one proved, nearest to x_ref (or `near`) first.
 
     That no other one exists is not claimed: Newton's method sets out from a fixed set of points.
 
+    Args:
+        model: the model.
+        u: the constant input, (m,), default u_ref.
+        near: a state to sort by, and to set out from as well.
+        starts: how many points to set out from: by default 64 for up to 20 states, else 8.
+        seed: of the points.
+
     Raises:
-        ModelError: u or `near` has the wrong number of entries.
+        ModelError: u or `near` is not a vector of finite numbers of the right length.
     """
-    u = model.u_ref if u is None else np.asarray(u, float)
-    centre = model.x_ref if near is None else np.asarray(near, float)
-    if u.shape != (model.m,) or centre.shape != (model.n,):
-        raise ModelError(f"u needs {model.m} numbers and near {model.n}, not {u.shape} and {centre.shape}")
+    u = model.u_ref if u is None else vector("u", u, model.m)
+    centre = model.x_ref if near is None else vector("a state near the operating point", near, model.n)
     found: list[ndarray] = []
-    for start in _starts(model, centre, seed):
+    for start in _starts(model, centre, starts or (STARTS if model.n <= 20 else 8), seed):
         with np.errstate(all="ignore"):
             x = _newton(model, start, u)
         if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * _scale(model)) for other in found):
@@ -54,6 +64,17 @@ def find_operating_point(
     found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
     proved = (prove(model, x, u) for x in found)
     return tuple(point for point in proved if point is not None)
+
+
+def vector(name: str, given: Any, size: int) -> ndarray:
+    """Return what a caller gave as a vector of finite numbers, or say what is needed."""
+    try:
+        found = np.array(given, float)
+    except (TypeError, ValueError):
+        raise ModelError(f"{name} is {given!r}; needed are {size} numbers") from None
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise ModelError(f"{name} is {given!r}; needed are {size} finite numbers")
+    return found
 
 
 def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m"]) -> OperatingPoint | None:
@@ -77,13 +98,12 @@ def _box(model: PersidskiiModel) -> ndarray:
     return np.stack([model.x_ref - half, model.x_ref + half], axis=1)
 
 
-def _starts(model: PersidskiiModel, centre: ndarray, seed: int) -> ndarray:
+def _starts(model: PersidskiiModel, centre: ndarray, count: int, seed: int) -> ndarray:
     from scipy.stats import qmc
 
     box = _box(model)
     middle, half = box.mean(axis=1), np.diff(box, axis=1)[:, 0] / 2
-    count = STARTS if model.n <= 20 else 8
-    cube = qmc.Sobol(model.n, seed=seed).random(count) * 2 - 1
+    cube = qmc.Sobol(model.n, seed=seed).random(2 ** int(np.ceil(np.log2(count))))[:count] * 2 - 1
     near, far = middle + half * cube[: count // 2], middle + REACH * half * cube[count // 2 :]
     return np.vstack([centre, model.x_ref, near, far])
 
@@ -92,10 +112,16 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | Non
     """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method, then polish by Newton steps."""
     from scipy.optimize import root
 
-    def bounded(values: ndarray) -> ndarray:
-        return np.nan_to_num(values, nan=1e100, posinf=1e100, neginf=-1e100)
+    if not model.rhs(start, u).any():  # exactly at rest, where the Jacobian may be singular, as that of -x**3 at 0
+        return start
 
-    x = root(lambda x: bounded(model.rhs(x, u)), start, jac=lambda x: bounded(model.jacobian(x))).x
+    def flow(x: ndarray) -> ndarray:
+        return _bounded(model.rhs(x, u))
+
+    def slopes(x: ndarray) -> ndarray:
+        return _bounded(model.jacobian(x))
+
+    x = root(flow, start, jac=slopes).x
     try:
         for _ in range(3):
             x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
@@ -103,3 +129,7 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | Non
         return None
     residual = np.abs(model.rhs(x, u)).max() if np.isfinite(x).all() else np.inf
     return x if residual <= 1e-9 * (1 + np.abs(model.jacobian(x)).max() * np.abs(x - model.x_ref).max()) else None
+
+
+def _bounded(values: ndarray) -> ndarray:
+    return np.nan_to_num(values, nan=1e100, posinf=1e100, neginf=-1e100)

@@ -1,7 +1,8 @@
 """Constants of sector forms that bound their integrals: what rates, gains and regions need (claims E and R).
 
 For a form l of a curve phi,  (d/2) y^2 <= integral of l'phi from 0 to y <= c y l'phi(y)  on the domain. Both constants
-are estimated here on samples, moved to the safe side, rounded to dyadics, and believed only when the checker proves them.
+are estimated here on samples, moved to the safe side, rounded to dyadics, and believed only when the checker
+proves them.
 """
 
 from collections.abc import Sequence
@@ -36,7 +37,8 @@ def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray
         ratio = np.nanmin(2 * (integral @ forms.T) / y[:, None] ** 2, axis=0)
     ratio = np.where(np.isfinite(ratio), ratio, 0.0)
     size = np.exp2(np.floor(np.log2(np.maximum(ratio, 1e-300))))
-    return np.where(ratio > 1e-2 * np.abs(forms).max(axis=1), np.floor(ratio * (1 - SAFETY) / size / STEP) * STEP * size, 0.0)
+    worth = ratio > 1e-2 * np.abs(forms).max(axis=1)
+    return np.where(worth, np.floor(ratio * (1 - SAFETY) / size / STEP) * STEP * size, 0.0)
 
 
 def proves_upper(curve: Curve, form: Sequence[float], c: float) -> bool:
@@ -62,8 +64,9 @@ def _sampled(curve: Curve, count: int = 800) -> tuple[ndarray, ndarray, ndarray]
         y = sign * np.concatenate([[0.0], np.geomspace(min(1e-3, 1e-3 * end), end, count)])
         middle, half = (y[1:] + y[:-1]) / 2, np.diff(y) / 2
         with np.errstate(all="ignore"):
-            inner = curve.values((middle[:, None] + half[:, None] * nodes).ravel()).reshape(count, len(nodes), curve.size)
-            integral = np.cumsum(np.einsum("kqd,q->kd", inner, weights) * half[:, None], axis=0)
+            inner = curve.values((middle[:, None] + half[:, None] * nodes).ravel())
+            pieces = np.einsum("kqd,q->kd", inner.reshape(count, len(nodes), curve.size), weights)
+            integral = np.cumsum(pieces * half[:, None], axis=0)
             phi = curve.values(y[1:])
         usable = (np.abs(phi) < 1e100).all(axis=1) & np.isfinite(integral).all(axis=1)
         sides.append((y[1:][usable], phi[usable], integral[usable]))

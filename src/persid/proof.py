@@ -139,7 +139,8 @@ def _chosen(
     assembly: Assembly, mus: Sequence[ndarray], taus: Sequence[ndarray], lower: Sequence[ndarray] | None
 ) -> tuple[Chosen, ...]:
     found = []
-    for g, (group, family, mu, tau) in enumerate(zip(assembly.system.groups, assembly.families, mus, taus, strict=True)):
+    parts = zip(assembly.system.groups, assembly.families, mus, taus, strict=True)
+    for g, (group, family, mu, tau) in enumerate(parts):
         products = [(k, j, float(t)) for (k, j), t in zip(family.products, rounded(tau), strict=True) if t > 0]
         used = sorted({k for k in range(len(mu)) if mu[k] > 0} | {k for pair in products for k in pair[:2]})
         place = {k: new for new, k in enumerate(used)}
@@ -178,9 +179,7 @@ def write(
         "model": canonical_model(model.to_dict()),
         "operating_point": None if point is None else point.to_dict(),
         "P": _stored(lyapunov.P),
-        "groups": [
-            _group(group, part, claim) for group, part in zip(system.groups, lyapunov.chosen, strict=True)
-        ],
+        "groups": [_group(group, part, claim) for group, part in zip(system.groups, lyapunov.chosen, strict=True)],
         "dropped": [i for i in range(model.n) if i not in states] + _absent(model, system),
         "gamma": dyadic(gamma),
     }

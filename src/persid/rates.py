@@ -24,16 +24,18 @@ class Question:
     pools: Mapping[Curve, Float[ndarray, "K d"]]
     upper: Mapping[Curve, Float[ndarray, " K"]]
     lower: Mapping[Curve, Float[ndarray, " K"]]
-    full_P: bool
+    full: bool  # a full P, else a diagonal one
     shape: Float[ndarray, " n"] | None = None
 
-    def ask(self, kappa: float, ratio: float | None, start: Outcome | None, left: Callable[[], float]) -> Outcome | None:
+    def ask(
+        self, kappa: float, ratio: float | None, start: Outcome | None, left: Callable[[], float]
+    ) -> Outcome | None:
         """Return a feasible outcome for a rate and a ratio gamma / p, or None."""
         target = Target(kappa, ratio, self.shape, self.upper, self.lower)
         families = None if start is None else start.assembly.families
-        found = search(
-            self.system, self.pools, full_P=self.full_P, target=target, families=families, time_limit=left()
-        )
+        found = search(self.system, self.pools, full_P=self.full, target=target, families=families, time_limit=left())
+        if found.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
         return found if found.status is Status.FEASIBLE else None
 
 

@@ -78,14 +78,17 @@ class Setting:
         dropped, seen = [], set()
         for group, part in zip(lyapunov.system.groups, lyapunov.chosen, strict=True):
             for form, mu in zip(part.forms, part.mu, strict=True):
-                key = (group.curve, tuple(form), bool(mu))
+                key = (group.curve, tuple(form.tolist()), bool(mu > 0 and lyapunov.kappa > 0))
                 if key not in seen:
                     seen.add(key)
-                    dropped += self._doubts(group.curve, form, mu > 0 and lyapunov.kappa > 0)
+                    dropped += self._doubts(*key)
         return dropped
 
-    def _doubts(self, curve: Curve, form: ndarray, rated: bool) -> list[str]:
-        k = int(np.flatnonzero((self.pools[curve] == form).all(axis=1))[0])
+    def _doubts(self, curve: Curve, form: tuple[float, ...], rated: bool) -> list[str]:
+        places = np.flatnonzero((self.pools[curve] == np.array(form)).all(axis=1))
+        if not len(places):  # a group with the same curve has dropped it already
+            return []
+        k = int(places[0])
         if not curve.proves(form):
             for table in (self.pools, self.upper, self.below):
                 table[curve] = np.delete(table[curve], k, axis=0)
@@ -115,9 +118,10 @@ def _place(model: PersidskiiModel, point: OperatingPoint | None, box: ndarray | 
     if box is None:
         return Place(offset, radius)
     sides = [(Fraction(float(lo)), Fraction(float(hi))) for lo, hi in box]
-    return Place(offset, radius, tuple((lo - a + radius, hi - a - radius) for (lo, hi), a in zip(sides, x, strict=True)))
+    reach = tuple((lo - a + radius, hi - a - radius) for (lo, hi), a in zip(sides, x, strict=True))
+    return Place(offset, radius, reach)
 
 
-def _text(curve: Curve, form: ndarray) -> str:
+def _text(curve: Curve, form: tuple[float, ...]) -> str:
     names = ("x", *curve.functions)
     return " ".join(f"{c:+.4g} {name}" for c, name in zip(form, names, strict=True) if c)

@@ -1,13 +1,12 @@
 """Witnesses: what refutes input-to-state stability at the nominal input, found here and proved by `persid_check`."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import json
 
 import numpy as np
 import scipy.linalg as sla
@@ -56,9 +55,7 @@ class _Candidate:
     sentence: str
 
 
-def find_witness(
-    model: PersidskiiModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]
-) -> Witness | None:
+def find_witness(model: PersidskiiModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]) -> Witness | None:
     """Return the first witness that the checker accepts, cheap ones first; `points` are proved equilibria at u."""
     for make in _KINDS:
         for candidate in make(model, u, points):
@@ -88,10 +85,8 @@ def _numbers(x: ndarray) -> str:
     return shown if len(x) == 1 else f"({shown})"
 
 
-def _unstable_equilibrium(
-    model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]
-) -> Iterator[_Candidate]:
-    """A quadratic form that grows along the linearisation, where the Jacobian has an eigenvalue with positive real part."""
+def _unstable_equilibrium(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    """A quadratic form that grows along the linearisation where the Jacobian has an unstable eigenvalue."""
     for point in points:
         grown = _growth(model.jacobian(point.x))
         if grown is not None:
@@ -103,12 +98,10 @@ def _unstable_equilibrium(
             )
 
 
-def _unstable_linear_part(
-    model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]
-) -> Iterator[_Candidate]:
+def _unstable_linear_part(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
     grown = _growth(model.channels.A0)
     if grown is not None:
-        sentence = "Its functions are bounded and its linear part is unstable: far out every model of this kind diverges."
+        sentence = "Its functions are bounded and its linear part is unstable: from far out it diverges."
         yield _Candidate("unstable-linear-part", grown, sentence)
 
 
