@@ -99,10 +99,8 @@ def main() -> None:
         seconds, busy = time.perf_counter() - start, time.process_time() - busy
         outcome = "accepted" if isinstance(result, Accepted) else str(result)
         target = f"target {TARGETS[n]:.0f} s" if n in TARGETS else ""
-        size, mebibytes = 4 * n + 1, len(data) / 2**20
-        print(
-            f"n = {n:4d}  size {size:5d}  {mebibytes:6.1f} MiB  {seconds:6.2f} s  processor {busy:6.2f} s  {outcome}  {target}"
-        )
+        size = f"size {4 * n + 1:5d}  {len(data) / 2**20:6.1f} MiB"
+        print(f"n = {n:4d}  {size}  {seconds:6.2f} s (processor {busy:.2f})  {outcome}  {target}")
 
 
 if __name__ == "__main__":
