@@ -486,11 +486,12 @@ def test_json_errors_are_objects(here: Path, capsys: pytest.CaptureFixture[str])
     assert json.loads(capsys.readouterr().out)["exit_code"] == 2
 
 
+@pytest.mark.usefixtures("plain_page")
 def test_full_disk(here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that is full while the results are written leaves the older results as they were."""
     cli.main(RUN)
     before = {name: (here / "out" / name).read_bytes() for name in files(here / "out")}
-    monkeypatch.setattr("persid.report.write_atomically", _raising(OSError(28, "No space left on device", "out")))
+    monkeypatch.setattr("persid.folder.write_atomically", _raising(OSError(28, "No space left on device", "out")))
     assert cli.main(RUN) == 2
     assert {name: (here / "out" / name).read_bytes() for name in files(here / "out")} == before
 

@@ -118,6 +118,18 @@ def test_page_is_accessible(page: str) -> None:
     assert outline.tags.count("figure") == outline.tags.count("figcaption") > 3
 
 
+def test_many_states_and_runs_stay_below_three_megabytes() -> None:
+    """The page stays small with eight noisy states, three runs and more samples than anyone can see."""
+    n = 8
+    model = ps.PersidskiiModel(-np.eye(n))
+    rng = np.random.default_rng(0)
+    t = np.arange(6_000) * 0.01
+    data = ps.Trajectories.from_arrays([rng.normal(size=(6_000, n)) for _ in range(4)], t=[t] * 4)
+    text = report.render(Results(model, Undecided(Reason.STALLED), data, None))
+    assert len(text.encode()) < 3e6
+    assert "first 3 of 4 runs" in text
+
+
 def test_names_cannot_break_out() -> None:
     """Names of states that hold markup, quotes or mathematics appear as they are and do nothing."""
     model = ps.PersidskiiModel([[-1, 0], [0, -1]], [], [[1], [0]], states=[SPITEFUL, "b"], inputs=["<u>"])

@@ -24,7 +24,7 @@ from persid.validation import Curve
 from persid_check import groups
 
 MEASURED, MODEL, LEVEL, FIELD, FORM = "#0072b2", "#d55e00", "#009e73", "#888888", "#cc79a7"
-POINTS = 1200  # a longer curve is drawn by its extremes in so many intervals
+POINTS = 700  # a longer curve is drawn by its extremes in so many intervals
 GRID = 81  # points a side on which V is evaluated
 ARROWS = 17
 MOST_LEVELS = 16

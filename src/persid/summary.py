@@ -83,8 +83,8 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
     """Return what a verdict does not claim, one sentence each."""
     if isinstance(verdict, Refuted):
         return (
-            "It refutes the model as a whole: around another equilibrium, or in a region, it may still be stable, and "
-            "another fit to the same measurements may be stable too.",
+            "What is refuted is stability from all initial states: in a region around one of its equilibria the model "
+            "may still be stable, and another fit to the same measurements may be stable everywhere.",
             NO_PLANT,
         )
     if not isinstance(verdict, Certified):
