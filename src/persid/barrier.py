@@ -29,10 +29,13 @@ from scipy import sparse
 
 BLOCK = 64  # rows of the Hessian made at once: what they gather from stays in the cache
 SHRINK = 0.2  # of the barrier's weight from one centre to the next
-NEAR = 0.3  # Newton decrement, in units of the barrier's weight, at which a centre is near enough
+NEAR = 1.0  # Newton decrement, in units of the barrier's weight, at which a centre is near enough
+PATIENCE = 12  # steps towards one centre before the next is aimed at all the same
 SHARES = (1.0, 0.5, 0.0)  # of the bilinear block that are tried in the Hessian
 SHORTEST = 1e-8  # a step length below which a search along the Newton direction gives up
-PULL = 1e-3  # weight of the fit, in units of the barrier's, while a feasible point is sought
+HOLD = 1.0  # weight of |F|^2 / 2 in the barrier: models whose coefficients the data do not hold stay near the others
+SEEK = 10.0  # weight of the slack, in units of the fit's, when a feasible point is first sought
+LEAST_PULL = 1e-12  # weight of the fit at which seeking gives up
 
 
 class Stop(Enum):
@@ -162,46 +165,58 @@ def descend(
     tolerance: float = 1e-3,
     time_limit: float = np.inf,
     steps: int = 300,
-    first: float | None = None,
 ) -> Descent:
     """Follow the centres of f + beta barrier from a start down to the fit's best value, to within `tolerance` absolutely.
 
-    A start with slack is first led into the feasible region, near where f is small. `first` is the first beta.
+    A start with slack is first led into the feasible region, near where f is small.
     """
     started, log = time.perf_counter(), []
     state = _State.at(inequality, start)
     if state is None:
         return Descent(Stop.INFEASIBLE, None, np.inf, 0, ())
     last = tolerance / inequality.barriers
-    beta = max(first if first is not None else fit(start.w) / inequality.barriers, last)
-    count, stop = 0, Stop.OPTIMAL
-    seeking = start.slack > 0
+    seeking, aim = start.slack > 0, _first_aim(inequality, fit, start, last)
+    count, aimed, stop = 0, 0, Stop.OPTIMAL
     while True:
-        pull = PULL * beta / max(fit(state.point.w), 1e-12) if seeking else 1.0
-        moved = _step(inequality, fit, state, beta, pull, seeking)
+        moved = _step(inequality, fit, state, aim, seeking)
         count += 1
         if moved is not None:
             state, decrement = moved
+        near = moved is None or decrement < NEAR
         if seeking and state.point.slack <= 0:
-            state = _State.at(inequality, Point(state.point.w, state.point.y)) or state
-            seeking, beta = False, max(fit(state.point.w) / inequality.barriers, last)
             log.append(f"{count:3d}  feasible, fit {fit(state.point.w):.4g}")
-            continue
-        if time.perf_counter() - started > time_limit:
-            stop = Stop.TIME
+            state = _State.at(inequality, Point(state.point.w, state.point.y)) or state
+            seeking, aim, aimed = False, _first_aim(inequality, fit, state.point, last), count
+        elif time.perf_counter() - started > time_limit or count >= steps:
+            stop = Stop.STEPS if count >= steps else Stop.TIME
             break
-        if count >= steps:
-            stop = Stop.STEPS
-            break
-        if moved is None or decrement < NEAR:
-            log.append(f"{count:3d}  beta {beta:.1e}  fit {fit(state.point.w):.6g}  slack {state.point.slack:.1e}")
-            if beta <= last:
-                stop = Stop.OPTIMAL if moved is not None else Stop.STALLED
+        elif near or (aim.beta > last and count - aimed >= PATIENCE):
+            log.append(f"{count:3d}  beta {aim.beta:.1e}  fit {fit(state.point.w):.6g}  slack {state.point.slack:.1e}")
+            if near and aim.beta <= last and (not seeking or aim.pull < LEAST_PULL):
+                stop = Stop.STALLED if moved is None else Stop.OPTIMAL
                 break
-            beta = max(beta * SHRINK, last * 1e-3 if seeking else last)
+            floor = last * 1e-3 if seeking else last
+            aim = Aim(max(aim.beta * SHRINK, floor), aim.pull * SHRINK if seeking else 1.0)
+            aimed = count
     if seeking:
-        return Descent(Stop.INFEASIBLE if stop is not Stop.TIME else Stop.TIME, None, np.inf, count, tuple(log))
+        return Descent(Stop.TIME if stop is Stop.TIME else Stop.INFEASIBLE, None, np.inf, count, tuple(log))
     return Descent(stop, state.point, fit(state.point.w), count, tuple(log))
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What the next centre minimises: pull f + beta barrier, and the slack where there is one."""
+
+    beta: float
+    pull: float
+
+
+def _first_aim(inequality: Inequality, fit: Fit, start: Point, last: float) -> Aim:
+    """Balance the terms at a start; while the slack is positive it counts SEEK times as much as the fit."""
+    value = fit(start.w)
+    if start.slack > 0:
+        return Aim(start.slack / inequality.barriers, start.slack / (SEEK * max(value, 1.0)))
+    return Aim(max(value / inequality.barriers, last), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +224,7 @@ class _State:
     """A point with what its barrier needs: D, the Cholesky factor of Z + slack I, and P."""
 
     point: Point
+    F: ndarray
     D: ndarray
     L: ndarray
     P: ndarray
@@ -221,7 +237,8 @@ class _State:
         if not (positive > 0).all():
             return None
         P = inequality.P(point.y)
-        D = inequality.rows(inequality.flows(point.w), inequality.slopes(point.y))
+        F = inequality.flows(point.w)
+        D = inequality.rows(F, inequality.slopes(point.y))
         Z = inequality.matrix(D, point.y)
         Z[np.diag_indices_from(Z)] += point.slack
         L, failed = sla.lapack.dpotrf(Z, lower=1, clean=1)
@@ -229,14 +246,14 @@ class _State:
         if failed or failed_P:
             return None
         logarithms = 2 * np.log(np.diag(L)).sum() + 2 * np.log(np.diag(R)).sum() + np.log(positive).sum()
-        return cls(point, D, L, P, -float(logarithms))
+        return cls(point, F, D, L, P, 0.5 * HOLD * float((F**2).sum()) - float(logarithms))
 
 
 def _step(
-    inequality: Inequality, fit: Fit, state: _State, beta: float, pull: float, seeking: bool
+    inequality: Inequality, fit: Fit, state: _State, aim: Aim, seeking: bool
 ) -> tuple[_State, float] | None:
     """Take one damped Newton step for pull f + beta barrier (+ slack); return the state and the decrement over beta."""
-    K, point = inequality.coefficients, state.point
+    K, point, beta, pull = inequality.coefficients, state.point, aim.beta, aim.pull
     g, Gauss, bilinear = _derivatives(inequality, state)
     g *= beta
     g[:K] += pull * (fit.M @ (point.w - fit.w0))
@@ -245,20 +262,25 @@ def _step(
     c = np.concatenate([np.zeros(K), inequality.cost])
     if seeking:
         g, H, c = _with_slack(inequality, state, g, H, c, beta)
-    d = None
+    solver = None
     for share in SHARES:
-        d = _direction(H, beta * share * bilinear, K, g, c)
-        if d is not None:
+        solver = _factor(H, beta * share * bilinear, K)
+        if solver is not None:
             break
-    if d is None:
+    if solver is None:
         return None
+    d = _keeping(solver, g, c)
     slope = float(g @ d)
-    following = _search(inequality, fit, state, d, slope, beta, pull, seeking)
+    if not slope < 0:
+        return None
+    bend = _bend(inequality, state, d, beta, seeking)
+    second = _keeping(solver, bend, c)
+    following = _search(inequality, fit, state, d, second, slope, beta, pull, seeking)
     return None if following is None else (following, -slope / beta)
 
 
-def _direction(H: ndarray, bilinear: ndarray, K: int, g: ndarray, c: ndarray) -> ndarray | None:
-    """Return the Newton direction that keeps c'y, or None where the Hessian is not positive definite."""
+def _factor(H: ndarray, bilinear: ndarray, K: int) -> Callable[[ndarray], ndarray] | None:
+    """Return the solution operator of the Hessian, or None where it is not positive definite."""
     A = H.copy()
     J = bilinear.shape[1]
     A[:K, K : K + J] += bilinear
@@ -270,24 +292,45 @@ def _direction(H: ndarray, bilinear: ndarray, K: int, g: ndarray, c: ndarray) ->
     L, failed = sla.lapack.dpotrf(A, lower=1, overwrite_a=1, clean=0)
     if failed:
         return None
-    solved = scale[:, None] * sla.lapack.dpotrs(L, scale[:, None] * np.stack([g, c], axis=1), lower=1)[0]
-    d = -solved[:, 0] + solved[:, 1] * (c @ solved[:, 0]) / (c @ solved[:, 1])
-    return d if np.isfinite(d).all() and g @ d < 0 else None
+    return lambda v: scale * sla.lapack.dpotrs(L, scale * v, lower=1)[0]
+
+
+def _keeping(solver: Callable[[ndarray], ndarray], g: ndarray, c: ndarray) -> ndarray:
+    """Return the minimiser d of g'd + d'H d / 2 with c'd = 0."""
+    a, b = solver(g), solver(c)
+    return -a + b * (c @ a) / (c @ b)
+
+
+def _bend(inequality: Inequality, state: _State, d: ndarray, beta: float, seeking: bool) -> ndarray:
+    """Return the gradient that the second-order change of Z along d, -(dE dF + dF'dE'), adds at a unit step."""
+    K, J = inequality.coefficients, len(inequality.cost)
+    half = inequality.slopes(d[K : K + J]) @ (inequality.flows(d[:K]) - inequality.base)
+    inverse = _inverse(state.L)
+    middle = inverse @ (half + half.T) @ inverse
+    bend = beta * _pairings(inequality, state.D @ middle @ state.D.T)
+    return np.append(bend, -beta * np.trace(middle)) if seeking else bend
 
 
 def _search(
-    inequality: Inequality, fit: Fit, state: _State, d: ndarray, slope: float, beta: float, pull: float, seeking: bool
+    inequality: Inequality,
+    fit: Fit,
+    state: _State,
+    d: ndarray,
+    second: ndarray,
+    slope: float,
+    beta: float,
+    pull: float,
+    seeking: bool,
 ) -> _State | None:
-    """Return the first point along d, halving, that is strictly inside and descends (Armijo)."""
+    """Return the first point on the arc a d + a^2 second that is strictly inside and descends (Armijo)."""
     K, J, point = inequality.coefficients, len(inequality.cost), state.point
-    dw, dy = d[:K], d[K : K + J]
-    ds = float(d[-1]) if seeking else 0.0
-    falling = dy < 0
+    falling = d[K : K + J] < 0
     falling[: inequality.free] = False
-    a = min(1.0, 0.95 * float((-point.y[falling] / dy[falling]).min(initial=np.inf)))
+    a = min(1.0, 0.95 * float((-point.y[falling] / d[K : K + J][falling]).min(initial=np.inf)))
     here = pull * fit(point.w) + beta * state.barrier + point.slack * seeking
     while a > SHORTEST:
-        moved = Point(point.w + a * dw, point.y + a * dy, point.slack + a * ds)
+        arc = a * d + a**2 * second
+        moved = Point(point.w + arc[:K], point.y + arc[K : K + J], point.slack + (float(arc[-1]) if seeking else 0.0))
         following = _State.at(inequality, moved)
         if following is not None:
             value = pull * fit(moved.w) + beta * following.barrier + moved.slack * seeking
@@ -347,6 +390,10 @@ def _derivatives(inequality: Inequality, state: _State) -> tuple[ndarray, ndarra
     g = _pairings(inequality, V)
     M = _products(V, pairs)
     H = np.asarray(tie.T @ np.ascontiguousarray((tie.T @ M).T))
+    flow = inequality.flow
+    held = tie[: len(flow.p), :K]
+    g[:K] += HOLD * (held.T @ state.F[flow.q, flow.p])
+    H[:K, :K] += HOLD * (held.T @ held).toarray()
     y = state.point.y[free:]
     g[K + free :] -= 1 / y
     diagonal = np.arange(K + free, len(g))

@@ -18,7 +18,6 @@ from persid.barrier import Fit, Inequality, Pairs, Point
 from persid.certificate import rounded
 from persid.equilibrium import OperatingPoint
 from persid.gram import Gram
-from persid.integrals import upper_constants
 from persid.interior_point import Status, solve
 from persid.lmi import Family, Multipliers, Scaling, System, Target, assemble, scaling, system
 from persid.model import PersidskiiModel
@@ -158,7 +157,9 @@ class Frame:
         offset = tuple(a - r for a, r in zip(point, reference, strict=True))
         if self.box is None:
             return groups(self.template.channels, Place(offset) if any(offset) else None)
-        box = tuple((Fraction(float(lo)) - a, Fraction(float(hi)) - a) for (lo, hi), a in zip(self.box, point, strict=True))
+        box = tuple(
+            (Fraction(float(lo)) - a, Fraction(float(hi)) - a) for (lo, hi), a in zip(self.box, point, strict=True)
+        )
         return groups(self.template.channels, Place(offset, Fraction(0), box))
 
     @cached_property
@@ -180,19 +181,19 @@ class Frame:
         found = []
         for group, forms in zip(self.groups, self.forms, strict=True):
             full = Family.full(forms)
-            rated = np.isfinite(self.upper[group.curve]) | (self.demand.kappa == 0)
+            rated = np.isfinite(self.upper[group.curve]) | (self.demand.kappa == 0 and self.box is None)
             found.append(Family(forms, tuple(k for k in full.densities if rated[k]), full.products))
         return tuple(found)
 
     @cached_property
     def upper(self) -> Mapping:
-        """The constants c of the forms, by curve: 1 for nondecreasing forms, 1/2 for y."""
-        return {
-            group.curve: upper_constants(group.curve, forms) if self.anchor is not None else np.where(
-                (forms[:, 1:] == 0).all(axis=1), 0.5, 1.0
-            )
-            for group, forms in zip(self.groups, self.forms, strict=True)
-        }  # fmt: skip
+        """The constants c of the forms, by curve: 1 for nondecreasing forms, 1/2 for y, none (NaN) for others."""
+        found = {}
+        for group, forms in zip(self.groups, self.forms, strict=True):
+            steady = set(nondecreasing_pool(group.curve))
+            c = np.array([1.0 if tuple(form) in steady else np.nan for form in forms.tolist()])
+            found[group.curve] = np.where((forms[:, 1:] == 0).all(axis=1), 0.5, c)
+        return found
 
     @property
     def target(self) -> Target:
@@ -270,9 +271,11 @@ class Frame:
             height += len(rows)
         if self.demand.ratio is not None:
             places = {int(i): a for a, i in enumerate(kept)}
-            gradient += [(places[i], i, len(cost), self.shape[i]) for i in range(n)]
+            gradient += [(places[i], i, len(cost), float(self.shape[i])) for i in range(n)]
             weight = -0.5 * self.demand.ratio * units.inputs**2 / (units.rate * (units.states**2).max())
-            product += [(pattern.entries + k, pattern.entries + k, len(cost), weight[k]) for k in range(self.inputs)]
+            product += [
+                (pattern.entries + k, pattern.entries + k, len(cost), float(weight[k])) for k in range(self.inputs)
+            ]
             cost.append(float(self.shape.sum()))
         return Inequality(
             np.vstack(S), np.vstack(rho), np.concatenate(upper), self._scaled_flow(self.given), kept, _pairs(gradient),
@@ -334,25 +337,27 @@ class Frame:
         units, kept = self.units, list(self.pattern.states)
         P = (numbers.P - p * np.eye(self.pattern.n)) * units.states * units.states[:, None]
         P = P[np.ix_(kept, kept)]
-        parts = [P[np.triu_indices(len(P))] / (1 + np.eye(len(P)))[np.triu_indices(len(P))] if self.full_P else np.diag(P)]
+        parts = [
+            P[np.triu_indices(len(P))] / (1 + np.eye(len(P)))[np.triu_indices(len(P))] if self.full_P else np.diag(P)
+        ]
         for group, family, (_, norms), mu, tau in zip(
             self.groups, self.families, self.lifted, numbers.mu, numbers.tau, strict=True
         ):
             length = float(np.linalg.norm(group.row * units.states))
             used = list(family.densities)
             parts.append(mu[used] * norms[used] * length)
-            parts.append(np.array([t * norms[k] * norms[j] for (k, j), t in zip(family.products, tau, strict=True)]) / units.rate)
+            parts.append(
+                np.array([t * norms[k] * norms[j] for (k, j), t in zip(family.products, tau, strict=True)]) / units.rate
+            )
         if self.demand.ratio is not None:
             parts.append(np.array([p * (units.states**2).max()]))
         y = np.concatenate(parts)
         return y / (self.inequality.cost @ y)
 
-    def lyapunov(
-        self, model: PersidskiiModel, y: Float[ndarray, " J"], found: Sequence[Group], shifted: bool
-    ) -> Lyapunov | None:
+    def lyapunov(self, model: PersidskiiModel, y: Float[ndarray, " J"], found: Sequence[Group]) -> Lyapunov | None:
         """Return the Lyapunov function of a point for the model's groups about its own equilibrium, with few multipliers."""
         pools = {group.curve: forms for group, forms in zip(found, self.forms, strict=True)}
-        own = system(model, found, pools, shifted=shifted)
+        own = system(model, found, pools, shifted=True)
         sizes = np.where(np.arange(len(y)) < self.inequality.free, np.inf, np.abs(y))
         for share in (*NEGLIGIBLE[1:], 0.0):
             candidate = self._lyapunov(own, np.where(sizes < share * np.abs(y).max(), 0.0, y))
@@ -375,7 +380,10 @@ class Frame:
             mu = np.zeros(len(forms))
             mu[used] = y[at : at + count] / norms[used] / length
             at += count
-            tau = [float(t) * units.rate / (norms[a] * norms[b]) for (a, b), t in zip(family.products, y[at:], strict=False)]
+            tau = [
+                float(t) * units.rate / (norms[a] * norms[b])
+                for (a, b), t in zip(family.products, y[at:], strict=False)
+            ]
             at += len(family.products)
             chosen.append(_chosen(forms, mu, tau, family, self.upper[group.curve]))
         if self.demand.ratio is not None:
@@ -397,7 +405,15 @@ def _chosen(forms: ndarray, mu: ndarray, tau: Sequence[float], family: Family, u
     return Chosen(forms[used], rounded(mu[used]), upper[used], np.zeros(len(used)), pairs)
 
 
-def about(model: PersidskiiModel, point: OperatingPoint) -> tuple[Group, ...]:
-    """Return the groups of a model about a proved equilibrium."""
-    x = tuple(Fraction(float(a)) - Fraction(float(r)) for a, r in zip(point.x, model.x_ref, strict=True))
-    return groups(model.channels, Place(x, Fraction(point.radius)))
+def about(model: PersidskiiModel, point: OperatingPoint, box: Float[ndarray, "n 2"] | None = None) -> tuple[Group, ...]:
+    """Return the groups of a model about a proved equilibrium, on a box or on all of R."""
+    exact = [Fraction(float(a)) for a in point.x]
+    offset = tuple(a - Fraction(float(r)) for a, r in zip(exact, model.x_ref, strict=True))
+    radius = Fraction(point.radius)
+    if box is None:
+        return groups(model.channels, Place(offset, radius))
+    sides = tuple(
+        (Fraction(float(lo)) - a + radius, Fraction(float(hi)) - a - radius)
+        for (lo, hi), a in zip(box, exact, strict=True)
+    )
+    return groups(model.channels, Place(offset, radius, sides))

@@ -1,0 +1,221 @@
+"""Starts: from a Gram matrix to the best model that is certified, by descents from several starts in several frames."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.barrier import Descent, Point, descend
+from persid.certificate import Certificate, RoundingError
+from persid.equilibrium import OperatingPoint, find_operating_point, prove
+from persid.frame import Coefficients, Demand, Frame, about
+from persid.gram import Gram
+from persid.model import PersidskiiModel
+from persid.proof import write
+
+FULL_P_STATES = 12  # a full P takes part up to this many states
+PATH = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # stronger ridges whose fits are starts as well
+ENOUGH = 0.01  # a fit whose residuals grow by less than this share needs no other start
+DAMPING = 1e-2  # of the linear start: its functions get -DAMPING P^-1
+RATES = 8  # halvings of the rate that a regional proof tries
+
+Make = Callable[[Coefficients], PersidskiiModel]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is fitted, what has to be shown about it, and until when (`time.perf_counter`)."""
+
+    gram: Gram
+    ridge: float
+    fixed: Coefficients
+    demand: Demand
+    make: Make
+    box: Float[ndarray, "n 2"] | None = None
+    deadline: float = np.inf
+    progress: Callable[[str], None] = lambda line: None
+
+    def left(self) -> float:
+        """Seconds until the deadline."""
+        return self.deadline - time.perf_counter()
+
+    def frame(self, full_P: bool, anchor: ndarray | None) -> Frame:
+        """Return a frame of this task."""
+        return Frame(self.gram, self.ridge, self.fixed, full_P, self.demand, anchor, self.box)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One descent: where it started, how it ended, the growth of the residuals, whether the proof was accepted, seconds."""
+
+    start: str
+    stop: str
+    excess: float
+    certified: bool
+    seconds: float
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The best certified model, with its certificate and its growth of the residuals over the free fit."""
+
+    model: PersidskiiModel
+    certificate: Certificate
+    theta: Coefficients
+    excess: float
+
+
+def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
+    """Return the certified model of smallest residuals among those found, None where none was, and the history.
+
+    Every start runs in turn until a fit loses next to nothing or the time is over; a later start counts only where it
+    is better, so the result is never worse than the best certified start.
+    """
+    best: Result | None = None
+    lines: list[Line] = []
+    for attempt in _attempts(task, lambda: best):
+        name, frame, theta = attempt
+        began = time.perf_counter()
+        task.progress(f"fitting under the certificate, {name}")
+        found, descent = _descent(task, frame, theta)
+        if found is not None and (best is None or found.excess < best.excess):
+            best = found
+        excess = np.inf if descent.point is None else frame.excess(frame.theta(descent.point.w))
+        lines.append(
+            Line(name, descent.stop.value, excess, found is not None, time.perf_counter() - began, descent.steps)
+        )
+        if task.left() <= 0 or (best is not None and best.excess < ENOUGH):
+            break
+    return best, tuple(lines)
+
+
+def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[str, Frame, Coefficients]]:
+    """Yield the starts: about the free fit's equilibrium, about every equilibrium, about the best one's, from afar."""
+    gram, n = task.gram, task.gram.H.shape[1]
+    kinds = (True, False) if 1 < n <= FULL_P_STATES else (False,)
+    free = gram.solve(task.ridge)
+    about_free = _anchor(task, free)
+    for full in kinds:
+        word = "full P" if full else "diagonal P"
+        if about_free is not None:
+            yield f"free fit, its equilibrium, {word}", task.frame(full, about_free), free
+        if task.box is None and _has_constant(gram):
+            yield f"free fit, every equilibrium, {word}", task.frame(full, None), free
+        found = best()
+        if found is not None and (anchor := _anchor(task, found.theta)) is not None:
+            yield f"best so far, its equilibrium, {word}", task.frame(full, anchor), found.theta
+    for ridge in (r for r in PATH if r > 3 * task.ridge):
+        if best() is not None:
+            return
+        theta = gram.solve(ridge)
+        anchor = _anchor(task, theta)
+        if anchor is not None:
+            yield f"fit of ridge {ridge:.0e}, its equilibrium", task.frame(kinds[0], anchor), theta
+    frame = task.frame(kinds[0], None if task.box is None and _has_constant(gram) else gram.basis.x_ref)
+    yield "linear fit, damped", frame, damped_linear(frame)
+    found = best()
+    if found is not None and (anchor := _anchor(task, found.theta)) is not None:
+        yield "best so far, its equilibrium", task.frame(kinds[0], anchor), found.theta
+
+
+def _has_constant(gram: Gram) -> bool:
+    return bool((gram.structure.parameter[-1] >= 0).any())
+
+
+def _anchor(task: Task, theta: Coefficients) -> Float[ndarray, " n"] | None:
+    """Return the equilibrium of coefficients that is nearest to x_ref (and inside the box), None where there is none."""
+    basis = task.gram.basis
+    if not _has_constant(task.gram):
+        return basis.x_ref
+    for point in find_operating_point(basis.model(theta, domain=task.box)):
+        if task.box is None or ((point.x > task.box[:, 0]) & (point.x < task.box[:, 1])).all():
+            return point.x
+    return None
+
+
+def damped_linear(frame: Frame) -> Coefficients:
+    """Return the linear fit, made Hurwitz by a shift, with a little of -P^-1 f for every function f: always certifiable.
+
+    With V = x'Px + 2 mu sum of integrals, a small mu and a small factor e, x'P(-e P^-1 f) = -e x'f < 0 outweighs the rest.
+    """
+    import scipy.linalg as sla
+
+    gram, basis = frame.gram, frame.gram.basis
+    kinds = np.array([column.kind for column in basis.columns])
+    parameter = np.where((kinds == "function")[:, None], -1, gram.structure.parameter)
+    used, numbered = np.unique(parameter, return_inverse=True)
+    structure = replace(
+        gram.structure, parameter=numbered.reshape(parameter.shape) - int(used[0] == -1), count=int((used >= 0).sum())
+    )
+    theta = replace(gram, structure=structure, root=None).solve(frame.ridge)
+    states = [column.state for column in basis.columns[: basis.state_columns]]
+    linear = np.flatnonzero(kinds == "linear")
+    A0 = basis.model(theta).A0
+    scale = float(np.abs(A0).max()) or 1.0
+    worst = float(np.linalg.eigvals(A0).real.max())
+    if worst > -1e-2 * scale:
+        A0 = A0 - (worst + 0.05 * scale) * np.eye(len(A0))
+    theta[linear] = A0.T[[states[j] for j in linear]]
+    P = sla.solve_continuous_lyapunov(A0.T, -np.eye(len(A0))) if frame.full_P else np.eye(len(A0))
+    inverse = np.linalg.inv(P)
+    inverse *= DAMPING * scale / np.abs(inverse).max()
+    for j in np.flatnonzero(kinds == "function"):
+        theta[j] = -inverse[:, states[j]]
+    return np.where(np.isfinite(frame.fixed), frame.fixed, np.where(gram.structure.parameter >= 0, theta, 0.0))
+
+
+def _descent(task: Task, frame: Frame, theta: Coefficients) -> tuple[Result | None, Descent]:
+    """Descend from coefficients and prove the end; where the proof fails, once more with ten times the margin."""
+    try:
+        start = frame.start(theta, task.left())
+        descent = descend(frame.inequality, frame.fit, start, time_limit=task.left())
+        for _ in range(2):
+            if descent.point is None:
+                break
+            fitted = frame.theta(descent.point.w)
+            model = task.make(fitted)
+            certificate = certificate_of(task, frame, model, descent.point)
+            if certificate is not None:
+                return Result(model, certificate, fitted, frame.excess(fitted)), descent
+            frame = replace(frame, demand=replace(frame.demand, delta=10 * frame.demand.delta))
+            again = frame.start(fitted, task.left())
+            descent = descend(frame.inequality, frame.fit, again, time_limit=task.left())
+        return None, descent
+    except np.linalg.LinAlgError:
+        from persid.barrier import Stop
+
+        return None, Descent(Stop.STALLED, None, np.inf, 0, ())
+
+
+def certificate_of(task: Task, frame: Frame, model: PersidskiiModel, point: Point) -> Certificate | None:
+    """Return the certificate of a model, made of its own multipliers about its own equilibrium, once the checker accepts it."""
+    anchor = None if frame.anchor is None else prove(model, frame.anchor, model.u_ref)
+    points = (anchor,) if anchor is not None else find_operating_point(model)[:1]
+    for equilibrium in points:
+        try:
+            data = _bytes(task, frame, model, point, equilibrium)
+            if data is not None:
+                return Certificate.accept(data)
+        except RoundingError:
+            continue
+    return None
+
+
+def _bytes(task: Task, frame: Frame, model: PersidskiiModel, point: Point, equilibrium: OperatingPoint) -> bytes | None:
+    lyapunov = frame.lyapunov(model, point.y, about(model, equilibrium, task.box))
+    if lyapunov is None:
+        return None
+    if task.box is None:
+        return write(model, lyapunov, equilibrium)
+    reach = np.minimum(equilibrium.x - task.box[:, 0], task.box[:, 1] - equilibrium.x) - equilibrium.radius
+    rate = lyapunov.kappa or frame.units.rate
+    for _ in range(RATES):
+        rated = replace(lyapunov, kappa=rate)
+        if rated.is_sound:
+            return write(model, rated, equilibrium, task.box, reach=reach)
+        rate /= 4
+    return None
