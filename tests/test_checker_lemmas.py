@@ -17,15 +17,21 @@ from persid_check.expression import parse
 ONE = (Fraction(0), Fraction(1))
 
 
-def _sampled(text: str, alpha: float, lo: float, hi: float, shift: float | None) -> list[tuple[np.ndarray, np.ndarray]]:
-    """s and f(alpha (y + s)) - f(alpha y), from 0 to each end."""
+Sampled = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def _sampled(text: str, alpha: float, lo: float, hi: float, shift: float | None) -> Sampled:
+    """s, f(alpha (y + s)) - f(alpha y) and a generous bound of its rounding errors, from 0 to each end."""
     f = scalar_function(text)
     sides = []
     for end in (lo, hi):
         s = np.concatenate([[0.0], end * np.geomspace(1e-4, 1, 6001)])
-        y = 0.0 if shift is None else shift
-        values = f.value(alpha * (y + s))
-        sides.append((s, values if shift is None else values - f.value(np.array(alpha * y))))
+        x = alpha * ((0.0 if shift is None else shift) + s)
+        values = f.value(x)
+        rounding = (
+            1e-9 * (1 + np.abs(x)) ** 2 + 1e-8 * np.abs(values[0]) + 1e7 * np.abs(f.value(x * (1 + 2.0**-50)) - values)
+        )
+        sides.append((s, values if shift is None else values - values[0], np.maximum.accumulate(rounding)))
     return sides
 
 
@@ -33,8 +39,8 @@ def _contradictions(text: str, alpha: float, domain, shift: float | None, c: flo
     """Which properties are clearly false on samples."""
     lo, hi = (-30.0, 30.0) if domain is None else (float(domain[0]), float(domain[1]))
     false = set()
-    for s, G in _sampled(text, alpha, lo, hi, shift):
-        size = np.maximum.accumulate(np.abs(G)) + 1e-12
+    for s, G, noise in _sampled(text, alpha, lo, hi, shift):
+        size = np.maximum.accumulate(np.abs(G)) + noise
         area = cumulative_trapezoid(G, s, initial=0)
         far = np.abs(s) > 1e-2 * abs(s[-1])
         if (s * G < -1e-6 * np.abs(s) * size)[far].any():

@@ -311,7 +311,7 @@ def test_many_random_expressions() -> None:
         ("x", True), ("x**3", True), ("x**-1", True), ("x - x", True), ("-sinh(2*x)", True), ("x*abs(x)", True),
         ("x*exp(-x**2)", True), ("tanh(x)/(1 + x**2)", True), ("abs(x)**0.5*x", True), ("sat(x) + deadzone(x)", True),
         ("x**2", False), ("cos(x)", False), ("exp(x)", False), ("x + 1", False), ("relu(x)", False),
-        ("x + x**2", False), ("softplus(x) - softplus(-x)", False), ("sin(x + 1)", False), ("x**0.5", False), ("abs(x)", False),
+        ("x + x**2", False), ("softplus(x) - softplus(-x)", False), ("sin(x + 1)", False), ("abs(x)", False),
     ],
 )  # fmt: skip
 def test_odd_functions_are_known_by_their_form(text: str, odd: bool) -> None:
