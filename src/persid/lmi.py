@@ -19,7 +19,7 @@ from scipy import sparse
 
 from persid.interior_point import Problem, pairings, unpack
 from persid.model import PersidskiiModel
-from persid.sector import Curve, Group, groups, sizes
+from persid.sector import Curve, Group, sizes
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
 
@@ -197,7 +197,6 @@ class Assembly:
             tau.append(values[middle : middle + len(family.products)])
         return Multipliers(P, tuple(mu), tuple(tau))
 
-
     def prices(self, g: int, X: Float[ndarray, "w w"]) -> tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]:
         """Return <F, X> of every product and of every density of group g, as unknowns of this problem would have it.
 
@@ -237,7 +236,8 @@ def assemble(
         for form in family.densities:
             builder.density(group, form, int(places[form]), float(norms[form]))
         for first, second in family.products:
-            builder.unknown([places[first]], [places[second]], [1.0], norms[first] * norms[second], 0.0)
+            size = float(norms[first] * norms[second])
+            builder.unknown([int(places[first])], [int(places[second])], [1.0], size, 0.0)
     if target.ratio is not None:
         builder.smallest_eigenvalue()
     problem = builder.problem(k if full_P else 0, builder.interior())
@@ -319,7 +319,9 @@ class _Builder:
         product = row @ self.flow
         if upper:
             k = len(self.system.states)
-            product[:k] += self.target.kappa * upper * row[list(self.system.states)] * self.weights[:k] / self.units.rate
+            product[:k] += (
+                self.target.kappa * upper * row[list(self.system.states)] * self.weights[:k] / self.units.rate
+            )
         return product
 
     def _append(self, row: ndarray) -> int:
