@@ -359,7 +359,7 @@ class Frame:
         pools = {group.curve: forms for group, forms in zip(found, self.forms, strict=True)}
         own = system(model, found, pools, shifted=True)
         sizes = np.where(np.arange(len(y)) < self.inequality.free, np.inf, np.abs(y))
-        for share in (*NEGLIGIBLE[1:], 0.0):
+        for share in (*NEGLIGIBLE, 0.0):
             candidate = self._lyapunov(own, np.where(sizes < share * np.abs(y).max(), 0.0, y))
             if candidate.is_sound:
                 return candidate

@@ -93,33 +93,62 @@ def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
     return best, tuple(lines)
 
 
+def sketch(task: Task) -> tuple[Coefficients, float] | None:
+    """Return the first strictly feasible fit with the growth of its residuals, without a proof; None where none is found."""
+    for name, frame, theta in _attempts(task, lambda: None):
+        task.progress(f"trying under the certificate, {name}")
+        try:
+            descent = descend(frame.inequality, frame.fit, frame.start(theta, task.left()), time_limit=task.left())
+        except np.linalg.LinAlgError:
+            continue
+        if descent.point is not None:
+            fitted = frame.theta(descent.point.w)
+            return fitted, frame.excess(fitted)
+        if task.left() <= 0:
+            break
+    return None
+
+
 def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[str, Frame, Coefficients]]:
-    """Yield the starts: about the free fit's equilibrium, about every equilibrium, about the best one's, from afar."""
+    """Yield the starts: about every equilibrium, the best one's, the free fit's; and from afar while nothing is found."""
     gram, n = task.gram, task.gram.H.shape[1]
-    kinds = (True, False) if 1 < n <= FULL_P_STATES else (False,)
+    everywhere = task.box is None and _has_constant(gram)
     free = gram.solve(task.ridge)
-    about_free = _anchor(task, free)
-    for full in kinds:
+    for full in (True, False) if 1 < n <= FULL_P_STATES else (False,):
         word = "full P" if full else "diagonal P"
-        if about_free is not None:
-            yield f"free fit, its equilibrium, {word}", task.frame(full, about_free), free
-        if task.box is None and _has_constant(gram):
+        if everywhere:
             yield f"free fit, every equilibrium, {word}", task.frame(full, None), free
-        found = best()
-        if found is not None and (anchor := _anchor(task, found.theta)) is not None:
-            yield f"best so far, its equilibrium, {word}", task.frame(full, anchor), found.theta
-    for ridge in (r for r in PATH if r > 3 * task.ridge):
+            yield from _about_best(task, best, full)
+        if (anchor := _anchor(task, free)) is not None:
+            yield f"free fit, its equilibrium, {word}", task.frame(full, anchor), free
         if best() is not None:
             return
+    full = 1 < n <= FULL_P_STATES
+    for ridge in (r for r in PATH if r > 3 * task.ridge):
         theta = gram.solve(ridge)
-        anchor = _anchor(task, theta)
-        if anchor is not None:
-            yield f"fit of ridge {ridge:.0e}, its equilibrium", task.frame(kinds[0], anchor), theta
-    frame = task.frame(kinds[0], None if task.box is None and _has_constant(gram) else gram.basis.x_ref)
+        if (anchor := _anchor(task, theta)) is not None:
+            yield f"fit of ridge {ridge:.0e}, its equilibrium", task.frame(full, anchor), theta
+        if best() is not None:
+            return
+    frame = task.frame(full, None if everywhere else _inside(task, gram.basis.x_ref))
     yield "linear fit, damped", frame, damped_linear(frame)
+    yield from _about_best(task, best, full)
+
+
+def _about_best(
+    task: Task, best: Callable[[], Result | None], full_P: bool
+) -> Iterator[tuple[str, Frame, Coefficients]]:
     found = best()
-    if found is not None and (anchor := _anchor(task, found.theta)) is not None:
-        yield "best so far, its equilibrium", task.frame(kinds[0], anchor), found.theta
+    anchor = None if found is None else _anchor(task, found.theta)
+    if found is not None and anchor is not None:
+        yield f"best so far, its equilibrium, {'full' if full_P else 'diagonal'} P", task.frame(full_P, anchor), found.theta
+
+
+def _inside(task: Task, point: ndarray) -> ndarray:
+    """Return a point, moved to the centre of the box where it lies outside."""
+    if task.box is None or ((point > task.box[:, 0]) & (point < task.box[:, 1])).all():
+        return point
+    return task.box.mean(axis=1)
 
 
 def _has_constant(gram: Gram) -> bool:
