@@ -286,7 +286,7 @@ def _inward(problem: Problem) -> ndarray:
     if least < 0:
         return problem.X
     most = min(float(np.linalg.eigvalsh(problem.X)[0]), (price[~opposite] / change[~opposite]).min(initial=np.inf))
-    return problem.X - 0.5 * (least + most) * np.eye(problem.order)
+    return problem.X - 0.5 * (least + most) * np.eye(problem.order) if least < most else problem.X
 
 
 @dataclass(frozen=True, eq=False)
