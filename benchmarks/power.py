@@ -21,12 +21,13 @@ from numpy import ndarray
 
 from persid.certificate import Certificate, RoundingError
 from persid.interior_point import Status, solve
-from persid.lmi import Family, assemble
+from persid.lmi import assemble
 from persid.model import PersidskiiModel
 from persid.proof import choose, write
 from persid.search import search
 from persid.sector import Curve
 from persid.setting import Setting
+from persid.system import Family
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

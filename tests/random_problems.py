@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from persid.lmi import Assembly, Family, System, assemble, system
+from persid.lmi import Assembly, assemble
 from persid.model import PersidskiiModel
 from persid.sector import groups, pool
+from persid.system import Family, System, system
 
 FUNCTIONS = ("x**3", "sinh(x)", "tanh(x)", "arctan(x)", "x*abs(x)")
 

@@ -29,11 +29,13 @@ baselines
 bounds
 certificate
 sector equilibrium interior_point barrier
-lmi integrals
+system integrals
+lmi
 search proof witness
 obstruction setting rates frame
 starts
 certify
+constrained
 checking summary folder
 plots
 report

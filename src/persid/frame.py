@@ -19,10 +19,11 @@ from persid.certificate import rounded
 from persid.equilibrium import OperatingPoint
 from persid.gram import Gram
 from persid.interior_point import Status, solve
-from persid.lmi import Family, Multipliers, Scaling, System, Target, assemble, scaling, system
+from persid.lmi import assemble
 from persid.model import PersidskiiModel
 from persid.proof import NEGLIGIBLE, Chosen, Lyapunov
 from persid.sector import Group, Place, groups, nondecreasing_pool, pool
+from persid.system import Family, Multipliers, Scaling, System, Target, scaling, system
 
 FORMS = {2: 12, 4: 10, 8: 8, 12: 7}  # forms of a group that take part, by the number of states
 FEWEST_FORMS = 6

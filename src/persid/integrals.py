@@ -5,7 +5,7 @@ are estimated here on samples, moved to the safe side, rounded to dyadics, and b
 proves them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from fractions import Fraction
 
 import numpy as np
@@ -41,17 +41,17 @@ def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray
     return np.where(worth, np.floor(ratio * (1 - SAFETY) / size / STEP) * STEP * size, 0.0)
 
 
-def proves_upper(curve: Curve, form: Sequence[float], c: float) -> bool:
+def proves_upper(curve: Curve, form: Iterable[float], c: float) -> bool:
     """Whether the checker's prover establishes the upper bound of the integral."""
     return prove_integral_upper(curve.exact, _fractions(form), Fraction(c), curve.domain, curve.shift)
 
 
-def proves_lower(curve: Curve, form: Sequence[float], d: float) -> bool:
+def proves_lower(curve: Curve, form: Iterable[float], d: float) -> bool:
     """Whether the checker's prover establishes the lower bound of the integral."""
     return d == 0 or prove_integral_lower(curve.exact, _fractions(form), Fraction(d), curve.domain, curve.shift)
 
 
-def _fractions(form: Sequence[float]) -> tuple[Fraction, ...]:
+def _fractions(form: Iterable[float]) -> tuple[Fraction, ...]:
     return tuple(Fraction(float(c)) for c in form)
 
 

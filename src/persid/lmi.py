@@ -2,15 +2,14 @@
 
 With z = (x, channel values), x' = G z + B u and half the gradient of V equal to E'z (theory: claims G and M),
 
-    Q = E G + G'E' + S,    E = [P; 0] + sum_g N_g'lambda_g r_g',    S = sum_g sum_{k<l} tau_gkl N_g'(l_k l_l' + l_l l_k')N_g,
+    Q = E G + G'E' + S,   E = [P; 0] + sum_g N_g'lambda_g r_g',  S = sum_g sum_kl tau_gkl N_g'(l_k l_l' + l_l l_k')N_g
 
-where N_g z = phi_g. Every unknown is a pair of rows: P_ij (e_i, G_j), mu_gk (N_g'l_k, G'r_g), tau_gkl (N_g'l_k, N_g'l_l).
+with N_g z = phi_g. Every unknown is a pair of rows: P_ij: e_i, G_j; mu_gk: N_g'l_k, G'r_g; tau_gkl: N_g'l_k, N_g'l_l.
 Paper: thm:main_ISS and cor:extension_basis_function are the special cases with the forms e_0, …, e_J only.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -18,144 +17,10 @@ from numpy import ndarray
 from scipy import sparse
 
 from persid.interior_point import Problem, pairings, unpack
-from persid.model import PersidskiiModel
-from persid.sector import Curve, Group, sizes
+from persid.sector import Group
+from persid.system import Family, Multipliers, Scaling, System, Target, scaling
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
-
-
-@dataclass(frozen=True, eq=False)
-class System:
-    """x' = G z + B u about an operating point, z = (x_i for i in `states`, values of `channels`), with its groups.
-
-    Entries of z with a zero column of G that no form touches are left out: channels without effect, and in claim M
-    states that enter through radially unbounded functions alone. Without an operating point the functions are not
-    shifted and a constant b is the last column of B.
-    """
-
-    G: Float[ndarray, "n N"]
-    B: Float[ndarray, "n m"]
-    groups: tuple[Group, ...]
-    states: tuple[int, ...]
-    channels: tuple[int, ...]
-
-    @property
-    def n(self) -> int:
-        """Number of states."""
-        return len(self.G)
-
-    @property
-    def entries(self) -> int:
-        """Number of entries of z."""
-        return self.G.shape[1]
-
-    @cached_property
-    def places(self) -> dict[int, int]:
-        """The entry of z of each channel that has one."""
-        return {c: len(self.states) + k for k, c in enumerate(self.channels)}
-
-    def lift(self, group: Group, forms: Float[ndarray, "K d"]) -> Float[ndarray, "K N"]:
-        """Return the rows l'N_g of forms of a group."""
-        rows = np.zeros((len(forms), self.entries))
-        rows[:, : len(self.states)] = forms[:, :1] * group.row[list(self.states)]
-        rows[:, [self.places[c] for c in group.channels]] = forms[:, 1:]
-        return rows
-
-
-def system(
-    model: PersidskiiModel, found: tuple[Group, ...], pools: Mapping[Curve, Float[ndarray, "K d"]], *, shifted: bool
-) -> System:
-    """Return the system of a model with the groups found about its operating point.
-
-    A state is dropped only where its column is zero and no group that reads it has forms of both signs in y: then
-    -Q can have nothing but zero there (claim M).
-    """
-    channels = model.channels
-    active = tuple(int(c) for c in np.flatnonzero(channels.columns.any(axis=0)))
-    kept = tuple(i for i in range(model.n) if channels.A0[:, i].any() or _needs_state(i, found, pools))
-    G = np.hstack([channels.A0[:, list(kept)], channels.columns[:, list(active)]])
-    B = model.B if shifted or not model.b.any() else np.hstack([model.B, model.b[:, None]])
-    return System(G, B, found, kept, active)
-
-
-def _needs_state(i: int, found: Sequence[Group], pools: Mapping[Curve, ndarray]) -> bool:
-    """Whether state i must stay an entry of z: a group has forms of both signs in y, or nothing else reads the state."""
-    reading = [group for group in found if group.row[i] and group.channels]
-    return not reading or any((pools[g.curve][:, 0] > 0).any() and (pools[g.curve][:, 0] < 0).any() for g in reading)
-
-
-@dataclass(frozen=True, eq=False)
-class Family:
-    """The forms of one group, those allowed in V (`densities`) and the pairs (k, l) whose product may be a multiplier."""
-
-    forms: Float[ndarray, "K d"]
-    densities: tuple[int, ...]
-    products: tuple[tuple[int, int], ...]
-
-    @classmethod
-    def full(cls, forms: Float[ndarray, "K d"]) -> "Family":
-        """Every form in V, every product of two different forms a multiplier."""
-        K = len(forms)
-        return cls(forms, tuple(range(K)), tuple((k, j) for k in range(K) for j in range(k + 1, K)))
-
-    @property
-    def used(self) -> list[int]:
-        """The forms that take part, in order."""
-        return sorted({*self.densities, *(k for pair in self.products for k in pair)})
-
-    def within(self, pool: Float[ndarray, "L d"]) -> "Family":
-        """Return the same choice in a pool that begins with these forms."""
-        return Family(pool, self.densities, self.products)
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """What an inequality asks for: V' <= -kappa V + gamma |u|^2 and P >= p diag(shape), with gamma = ratio * p.
-
-    kappa = 0 asks for V' < 0 alone; ratio = None leaves the inputs out (some gamma always exists then). `upper` gives
-    the constants c of claim E for each curve, one per form of its pool, NaN for forms that have none; `lower` the
-    constants d of claim R, with which P + sum mu d r r' takes the place of P, and P may be indefinite.
-    """
-
-    kappa: float = 0.0
-    ratio: float | None = None
-    shape: Float[ndarray, " n"] | None = None
-    upper: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
-    lower: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Multipliers:
-    """Numbers of a Lyapunov function: P, and per group mu (one per form) and tau (one per product of the family)."""
-
-    P: Float[ndarray, "n n"]
-    mu: tuple[ndarray, ...]
-    tau: tuple[ndarray, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Scaling:
-    """z = diag(entries) z^, x = diag(states) x^, u = diag(inputs) u^, t = t^ / rate: the units of the inequality."""
-
-    states: Float[ndarray, " n"]
-    entries: Float[ndarray, " N"]
-    inputs: Float[ndarray, " m"]
-    rate: float
-
-
-def scaling(system: System) -> Scaling:
-    """Choose units: a state by the rows that read it alone, a channel by its function at y = 1, time by the largest rate."""
-    states = np.ones(system.n)
-    for group in system.groups:
-        support = np.flatnonzero(group.row)
-        if len(support) == 1:
-            states[support[0]] = 1 / group.row[support[0]]  # sign and all: mu >= 0 belongs to y, not to x
-    entries = np.concatenate([states[list(system.states)], np.ones(len(system.channels))])
-    for group in system.groups:
-        entries[[system.places[c] for c in group.channels]] = sizes(group.curve)[1:]
-    rate = float(np.linalg.norm(system.G / states[:, None] * entries) / np.sqrt(system.n)) or 1.0
-    strength = np.linalg.norm(system.B / states[:, None], axis=0) / rate
-    return Scaling(states, entries, 1 / np.where(strength > 0, strength, 1.0), rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +110,7 @@ def assemble(
 
 
 class _Builder:
-    """Collects rows of D = [S; H] and pairs; a row i of H has the code -1 - i until the number of rows of S is known."""
+    """Collects rows of D = [S; H] and pairs; row i of H has the code -1 - i until the number of rows of S is known."""
 
     def __init__(self, system: System, units: Scaling, target: Target) -> None:
         self.system, self.units, self.target = system, units, target
@@ -409,7 +274,7 @@ def theorem_1(
     """Return the matrix Q of the paper's Theorem 1 exactly as printed, for x' = sum_j Gamma_j f_j(x) + B u.
 
     Q_11 = 0, so Q <= 0 forces its first block row to vanish: P = 0 and Upsilon_0j = 0. What is left is claim M without
-    any x, `reduced_theorem_1`. Diagonal matrices are given by their diagonals; Upsilon by pairs (s, z), 0 <= s < z <= M.
+    any x, `reduced_theorem_1`. Diagonal matrices are given by their diagonals, Upsilon by pairs (s, z), s < z.
     Paper: thm:main_ISS, eq:main_thm_LMIs (Sec. 4.2).
     """
     n, M = len(P), len(Gamma)
@@ -446,7 +311,7 @@ def reduced_theorem_1(
 
 
 def corollary_1(system: System) -> tuple[Family, ...]:
-    """Return the families of Corollary 1, corrected: every f_j and y itself in V, every product of two of them in one group.
+    """Return the families of Corollary 1, corrected: y and every f_j in V, every product of two of them in one group.
 
     The printed term R_s'R_s Upsilon R_r'R_r has the wrong shape unless all k_s = n, and is then no multiplier: products
     of functions of different rows have no sign. With R_j = I and x among the f_j this is Theorem 1's content too.

@@ -13,9 +13,9 @@ from numpy import ndarray
 import persid_check
 from persid.certificate import FORMAT, RoundingError, dyadics, encode, factor
 from persid.files import write_atomically
-from persid.lmi import System
 from persid.model import PersidskiiModel
 from persid.search import Outcome
+from persid.system import System
 from persid_check import canonical_model
 
 BITS = 40  # of the largest entry of L

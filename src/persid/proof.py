@@ -11,9 +11,10 @@ from numpy import ndarray
 
 from persid.certificate import FORMAT, RoundingError, dyadic, dyadics, encode, factor, rounded
 from persid.equilibrium import OperatingPoint
-from persid.lmi import Assembly, System
+from persid.lmi import Assembly
 from persid.model import PersidskiiModel
 from persid.sector import Group
+from persid.system import System
 from persid_check import canonical_model
 
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)  # unknowns below such a share of the largest are tried as zeros

@@ -8,10 +8,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.interior_point import Status
-from persid.lmi import System, Target
 from persid.proof import choose
 from persid.search import Outcome, search
 from persid.sector import Curve
+from persid.system import System, Target
 
 STEPS = 8  # bisections of the rate, and of the gain
 

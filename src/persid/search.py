@@ -15,8 +15,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.interior_point import Solution, Status, solve
-from persid.lmi import Assembly, Family, System, Target, assemble
+from persid.lmi import Assembly, assemble
 from persid.sector import Curve, Group
+from persid.system import Family, System, Target
 
 FIRST_FORMS = 6  # forms of a pool that the search begins with
 JOINING = 6  # products, and half as many densities, that may join a group in one round

@@ -6,7 +6,7 @@ sign(y) phi(y), so the sharpest ones are the facets of its conic hull. They are 
 a little, rounded to dyadic rationals, and believed only when `persid_check` has proved them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -67,7 +67,7 @@ class Curve:
         """The curve as the checker's prover takes it."""
         return tuple((scalar_function(f).program, a) for f, a in zip(self.functions, self.factors, strict=True))
 
-    def proves(self, form: Sequence[float]) -> bool:
+    def proves(self, form: Iterable[float]) -> bool:
         """Whether the checker's prover establishes y * form'phi(y) >= 0 on the domain."""
         return prove_sector_form(self.exact, tuple(Fraction(float(c)) for c in form), self.domain, self.shift)
 

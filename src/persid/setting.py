@@ -9,10 +9,10 @@ from numpy import ndarray
 
 from persid.equilibrium import OperatingPoint
 from persid.integrals import lower_constants, proves_lower, proves_upper, upper_constants
-from persid.lmi import System, system
 from persid.model import PersidskiiModel
 from persid.proof import Lyapunov
 from persid.sector import Curve, Group, Place, axes, groups, nondecreasing_pool, pool
+from persid.system import System, system
 
 
 @dataclass(eq=False)
