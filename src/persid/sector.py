@@ -120,7 +120,7 @@ def groups(channels: Channels, place: Place | None = None) -> tuple[Group, ...]:
         size = abs(Fraction(float(row[support[0]]))) if len(support) else Fraction(1)
         key = tuple((int(i), Fraction(float(row[i])) / size) for i in support)
         joined.setdefault(key, []).append((c, size))
-    active = channels.columns.any(axis=0)
+    active = np.abs(channels.columns).sum(axis=0) > 0
     found = []
     for members in joined.values():
         first, size = members[0]
@@ -145,7 +145,7 @@ def _samples(curve: Curve, count: int, slopes: bool) -> Float[ndarray, "N d"]:
             y = sign * np.geomspace(min(1e-3, 1e-3 * end), end, count)
             with np.errstate(all="ignore"):
                 phi = curve.slopes(y) if slopes else sign * curve.values(y)
-            usable = (np.abs(phi) < LARGEST_VALUE).all(axis=1)
+            usable = np.max(np.abs(phi), axis=1) < LARGEST_VALUE
             if usable.all() or not usable[0]:
                 break
             end = abs(float(y[np.flatnonzero(usable)[-1]]))
@@ -200,8 +200,8 @@ def _interior(V: ndarray) -> ndarray:
         b_ub=np.zeros(N),
         bounds=[(-1, 1)] * d + [(None, 1)],
     )
-    c = result.x[:d] if result.status == 0 else V.mean(axis=0)
-    return c / max(np.linalg.norm(c), 1e-300)
+    c = V.mean(axis=0) if result.x is None else np.asarray(result.x)[:d]
+    return c / max(float(np.linalg.norm(c)), 1e-300)
 
 
 def _spread(L: ndarray, count: int) -> ndarray:
@@ -249,7 +249,7 @@ def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[fl
     L = L + (1.25 * lack + (LOOSE if slopes else RELAXATION))[:, None] * deepest
     L = np.round(L / ROUNDING) * ROUNDING
     sparse = np.where(np.abs(L) < 16 * RELAXATION, 0.0, L)
-    L = np.where((fine @ sparse.T >= 0).all(axis=0)[:, None], sparse, L)  # x**3 rather than x**3 + 1e-4 x
+    L = np.where(np.min(fine @ sparse.T, axis=0)[:, None] >= 0, sparse, L)  # x**3 rather than x**3 + 1e-4 x
     L = L[(fine @ L.T >= 0).all(axis=0)]
     return tuple(tuple(float(c) for c in row) for row in np.unique(L, axis=0)[_first_seen(L)] / unit)
 
