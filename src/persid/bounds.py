@@ -30,13 +30,19 @@ def exact(pair: Sequence[int]) -> Fraction:
 
 def below(number: Fraction) -> float:
     """Return a float that is not larger."""
-    nearest = float(number)
+    try:
+        nearest = float(number)
+    except OverflowError:
+        return math.nextafter(math.inf, 0) if number > 0 else -math.inf
     return nearest if Fraction(nearest) <= number else math.nextafter(nearest, -math.inf)
 
 
 def above(ball: arb) -> float:
     """Return a float that is not smaller than any number of a ball."""
-    return -below(-_upper(ball))
+    if not ball < arb(2) ** 1024:
+        return math.inf
+    mantissa, exponent = ball.upper().man_exp()
+    return -below(-Fraction(int(mantissa)) * Fraction(2) ** int(exponent))
 
 
 def gain(content: Mapping[str, Any]) -> arb:
@@ -47,8 +53,8 @@ def gain(content: Mapping[str, Any]) -> arb:
 def overshoot(content: Mapping[str, Any], x0: Float[ndarray, " n"]) -> arb:
     """Return sqrt(V(x0) / p)."""
     with ctx.workprec(BITS):
-        enclosed = lyapunov(content, x0)
-        return (abs(enclosed.ball()) / _ball(exact(content["p"]))).sqrt()
+        largest = lyapunov(content, x0).hi
+        return (largest / _ball(exact(content["p"]))).sqrt() if largest > 0 else arb(0)
 
 
 def bound(
@@ -69,7 +75,7 @@ def is_in_region(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> bool:
         if not exact(low) + margin <= Fraction(float(v)) <= exact(high) - margin:
             return False
     with ctx.workprec(BITS):
-        return bool(_upper(lyapunov(content, x).hi) <= exact(content["level"]))
+        return bool(lyapunov(content, x).hi <= _ball(exact(content["level"])))
 
 
 def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
@@ -91,11 +97,6 @@ def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
                 shift = at if point is not None else None
                 total = total + constant(2 * weight) * _integral(model.channels[c].program, alpha, y, shift)
     return total
-
-
-def _upper(ball: arb) -> Fraction:
-    mantissa, exponent = ball.upper().man_exp()
-    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
 
 
 def _ball(number: Fraction) -> arb:

@@ -142,8 +142,8 @@ class _Log:
         """Time an attempt; its outcome is what the caller appends to the list."""
         outcome: list[str] = []
         started = time.perf_counter()
-        self.progress(what)
         try:
+            self.progress(what)
             yield outcome
         finally:
             self.attempts.append(Attempt(what, outcome[0] if outcome else "interrupted", time.perf_counter() - started))
@@ -336,8 +336,10 @@ def _rate_and_gain(setting: Setting, full_P: bool, reach: ndarray | None, log: _
     fastest = -2 * float(np.linalg.eigvals(setting.jacobian).real.max())
     if fastest <= 0:
         return _Failure(Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable.")
-    shape = None if reach is None else 1 / reach**2
-    question = Question(setting.system, setting.pools, setting.upper, setting.below, full_P, shape)
+    system, shape = setting.system, None if reach is None else 1 / reach**2
+    if len(system.states) < system.n:  # claims E and R keep every state; no form lets this one be kept
+        return _FAILURES[Status.INFEASIBLE]
+    question = Question(system, setting.pools, setting.upper, setting.below, full_P, shape)
     best = best_rate(question, fastest, log.left)
     if best is None:
         return _FAILURES[Status.TIME if log.left() <= 0 else Status.INFEASIBLE]
