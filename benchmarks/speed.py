@@ -1,0 +1,168 @@
+"""Seconds, iterations and memory to decide one matrix inequality, one thread, against library solvers.
+
+The models are of column_dominance (forms) and dissipative (the paper's multipliers) in families.py of the shared data.
+Every run is a process of its own with 8 GiB of address space and 3 minutes; a solver that runs out of either is not
+tried on larger models.
+
+    OMP_NUM_THREADS=1 python benchmarks/speed.py [--sizes 5,10,20,50,100,200,400]
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared"
+MEMORY = 8 * 2**30
+SECONDS = 180
+SOLVERS = ("persid", "CLARABEL", "SCS", "CVXOPT")
+SIZES = (5, 10, 20, 50, 100, 200, 400)
+
+
+def prepare(kind: str, n: int) -> tuple:
+    """Return the system and pools of the model of size n."""
+    sys.path.insert(0, str(SHARED))
+    import families  # type: ignore[import-not-found]
+
+    from persid.model import PersidskiiModel
+    from persid.sector import groups, pool
+    from persid.system import system
+
+    family = "dissipative" if kind == "paper" else "column_dominance"
+    model = PersidskiiModel.from_dict(next(families.draw(family, n, 1, 1))[2])
+    found = groups(model.channels)
+    curves = {group.curve for group in found}
+    pools = {c: np.eye(c.size) if kind == "paper" else np.array(pool(c)) for c in curves}
+    return system(model, found, pools, shifted=False), pools
+
+
+def solved_here(kind: str, n: int) -> dict:
+    """Decide by the search of persid; the seconds include finding the forms."""
+    from persid.interior_point import solve
+    from persid.lmi import assemble, corollary_1
+    from persid.search import search
+
+    started = time.perf_counter()
+    about, pools = prepare(kind, n)
+    if kind == "paper":
+        assembly = assemble(about, corollary_1(about))
+        answer, rounds = solve(assembly.problem), 1
+    else:
+        outcome = search(about, pools)
+        assembly, answer, rounds = outcome.assembly, outcome.solution, outcome.rounds
+    seconds = time.perf_counter() - started
+    found = {"answer": answer.status.name.lower(), "iterations": len(answer.log), "rounds": rounds}
+    return found | {"seconds": seconds, "unknowns": len(assembly.problem.cost)}
+
+
+def solved_by_library(kind: str, n: int, solver: str) -> dict:
+    """Decide the inequality that persid decides last, through CVXPY; persid's own search for it is not counted."""
+    import cvxpy as cp
+    from scipy import sparse
+
+    from persid.interior_point import whitened
+    from persid.lmi import assemble, corollary_1
+    from persid.search import search
+
+    about, pools = prepare(kind, n)
+    assembly = assemble(about, corollary_1(about)) if kind == "paper" else search(about, pools).assembly
+    problem, _ = whitened(assembly.problem)
+    started = time.perf_counter()
+    D = sparse.csr_array(sparse.vstack([problem.S, sparse.csr_array(problem.H)]))
+    columns = [(D[[p]].T @ D[[q]]).tocoo() for p, q in zip(problem.p, problem.q, strict=True)]
+    norms = [2 * float(np.sqrt((c.data**2).sum())) for c in columns]
+    N, J = problem.order, len(columns)
+    places = np.concatenate([c.row + N * c.col for c in columns])
+    values = np.concatenate([c.data / s for c, s in zip(columns, norms, strict=True)])
+    which = np.repeat(np.arange(J), [len(c.data) for c in columns])
+    M = sparse.csc_array((values, (places, which)), shape=(N * N, J))
+    y, t = cp.Variable(J, nonneg=True), cp.Variable()
+    half = cp.reshape(M @ y, (N, N), order="F")
+    cost = problem.cost / norms
+    constraints = [-half - half.T - t * np.eye(N) >> 0, (cost / cost.mean()) @ y == 1]  # all of order 1, to be fair
+    program = cp.Problem(cp.Maximize(t), constraints)
+    options = {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iters": 200_000} if solver == "SCS" else {}
+    program.solve(solver=solver, **options)
+    weights = np.maximum(y.value, 0) if y.value is not None else np.full(J, np.nan)
+    half = (M @ weights).reshape(N, N, order="F")
+    margin = float(np.linalg.eigvalsh(-half - half.T)[0]) if np.isfinite(weights).all() else float("nan")
+    answer = "feasible" if margin > 0 else str(program.status)  # judged by the point itself, not by what is said of it
+    return {"answer": answer, "seconds": time.perf_counter() - started, "unknowns": J}
+
+
+def one(kind: str, n: int, solver: str) -> None:
+    """Run in the child process: print one JSON object."""
+    result = solved_here(kind, n) if solver == "persid" else solved_by_library(kind, n, solver)
+    result["memory_GiB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(json.dumps(result))
+
+
+def run(kind: str, n: int, solver: str) -> dict:
+    """Run one case in a process with limits."""
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+    command = [sys.executable, "-W", "ignore", __file__, "--one", kind, str(n), solver]
+    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON")}
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=SECONDS, env=os.environ | threads, preexec_fn=limited
+        )
+    except subprocess.TimeoutExpired:
+        return {"answer": "time-out"}
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or [f"ended by signal {-done.returncode}"]
+        return {"answer": "failed", "why": last[0][:120]}
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def main() -> None:
+    """Print one line a case and write benchmarks/results/speed.json."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sizes", default=",".join(map(str, SIZES)))
+    parser.add_argument("--solvers", default=",".join(SOLVERS))
+    parser.add_argument("--one", nargs=3, metavar=("KIND", "N", "SOLVER"))
+    options = parser.parse_args()
+    if options.one:
+        return one(options.one[0], int(options.one[1]), options.one[2])
+    if not (SHARED / "families.py").is_file():
+        sys.exit("families.py of the shared data is not on this machine")
+    results = []
+    for kind in ("paper", "forms"):
+        for solver in options.solvers.split(","):
+            for n in map(int, options.sizes.split(",")):
+                result = run(kind, n, solver)
+                results.append({"kind": kind, "n": n, "solver": solver} | result)
+                print(_line(results[-1]), flush=True)
+                path = ROOT / "benchmarks" / "results" / "speed.json"
+                path.write_text(
+                    json.dumps({"limits": [MEMORY, SECONDS], "runs": results}, indent=1) + "\n", encoding="utf-8"
+                )
+                if "seconds" not in result:
+                    break
+    return None
+
+
+def _line(result: dict) -> str:
+    head = f"{result['kind']:6} n = {result['n']:4}  {result['solver']:9}"
+    if "seconds" not in result:
+        return f"{head} {result['answer']} {result.get('why', '')}"
+    steps = (
+        f"{result['iterations']:3} iterations in the last of {result['rounds']} rounds" if "rounds" in result else ""
+    )
+    return (
+        f"{head} {result['seconds']:8.2f} s  {result['memory_GiB']:5.2f} GiB  {result['unknowns']:6} unknowns  "
+        f"{result['answer']:10} {steps}"
+    )
+
+
+if __name__ == "__main__":
+    main()
