@@ -1,0 +1,123 @@
+"""Parts of a study: each result is written as JSON when it is finished, and reused by the next run."""
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NoReturn
+
+from persid.certify import Certified, Reason, Refuted, Undecided, Verdict
+from persid.files import write_atomically
+from persid.folder import versions
+from persid.model import PersidskiiModel
+from persid.summary import summarize
+
+PARTS, PROOFS, MODELS = "parts", "proofs", "models"
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The folder of a study with its finished parts; `origin` goes into every part's hash."""
+
+    folder: Path
+    origin: Mapping[str, Any]
+    progress: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def below(cls, folder: Path, study: ModuleType, progress: Callable[[str], None]) -> "Parts":
+        """Return the parts of a study in a folder; its revision and the versions of the packages decide on reuse."""
+        for name in (PARTS, PROOFS, MODELS):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        origin = {"study": study.__name__, "revision": study.REVISION, "versions": versions()}
+        return cls(folder, origin, progress)
+
+    def part(self, name: str, parameters: Mapping[str, Any], compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Return what `compute` returns, from the file of an earlier run where nothing has changed since.
+
+        A result may list `files` below the folder; one that is missing makes the part be computed again.
+        """
+        self.progress(name)
+        path, key = self.folder / PARTS / f"{_file_name(name)}.json", self._key(name, parameters)
+        found = _read(path)
+        if found is None or found.get("key") != key or not self._complete(found["result"]):
+            started = time.perf_counter()
+            result = _plain(compute())
+            found = {"key": key, "seconds": time.perf_counter() - started, "result": result}
+            write_atomically(path, json.dumps(found, allow_nan=False) + "\n")
+        self.seconds[name] = found["seconds"]
+        return found["result"]
+
+    @property
+    def total(self) -> float:
+        """Seconds that the parts asked for so far took, in the run that computed them."""
+        return sum(self.seconds.values())
+
+    def verdict(self, name: str, model: PersidskiiModel, verdict: Verdict) -> dict[str, Any]:
+        """Write a model with the checked proof of its verdict; return the verdict in brief with the names of the files.
+
+        Raises:
+            KeyboardInterrupt: the verdict was cut short by Ctrl-C, and shall not be kept.
+        """
+        if isinstance(verdict, Undecided) and verdict.reason is Reason.INTERRUPTED:
+            raise KeyboardInterrupt
+        files = [f"{MODELS}/{_file_name(name)}.json"]
+        model.save(self.folder / files[0])
+        proof = _proof(verdict)
+        if proof is not None:
+            files.append(f"{PROOFS}/{_file_name(name)}.json")
+            proof.save(self.folder / files[1])
+        why = verdict.reason.name if isinstance(verdict, Undecided) else getattr(proof, "kind", None)
+        return summarize(verdict).to_dict() | {"why": why, "files": files}
+
+    def _key(self, name: str, parameters: Mapping[str, Any]) -> str:
+        content = {"name": name, "parameters": parameters, **self.origin}
+        return hashlib.sha256(json.dumps(content, sort_keys=True, default=_refuse).encode()).hexdigest()
+
+    def _complete(self, result: Any) -> bool:
+        return all((self.folder / name).is_file() for name in _files(result))
+
+
+def _proof(verdict: Verdict) -> Any:
+    if isinstance(verdict, Certified):
+        return verdict.certificate
+    return verdict.witness if isinstance(verdict, Refuted) else verdict.obstruction
+
+
+def _files(result: Any) -> Iterator[str]:
+    """Yield the names under "files", at any depth."""
+    if isinstance(result, Mapping):
+        yield from result.get("files", ())
+        for value in result.values():
+            yield from _files(value)
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in ".-" else "_" for c in name).strip("_")
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) and set(found) == {"key", "seconds", "result"} else None
+
+
+def _refuse(value: Any) -> NoReturn:
+    raise TypeError(f"a parameter of a part is {value!r}; needed are JSON values, so that its hash is certain")
+
+
+def _plain(value: Any) -> Any:
+    """Return JSON values: arrays as lists, numbers that JSON has no word for as None."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(part) for name, part in value.items()}
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
