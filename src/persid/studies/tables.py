@@ -61,3 +61,8 @@ def spread(values: Sequence[float | None], digits: int = 3) -> str:
     middle = ordered[len(ordered) // 2]
     shown = ["∞" if value == float("inf") else number(value, digits) for value in (middle, ordered[0], ordered[-1])]
     return shown[0] if len(ordered) == 1 else f"{shown[0]} ({shown[1]} … {shown[2]})"
+
+
+def protocol(text: str | None) -> str:
+    """Return what follows the first line of a module's docstring, as one paragraph."""
+    return " ".join((text or "").split("\n\n", 1)[1].split())

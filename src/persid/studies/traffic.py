@@ -24,7 +24,7 @@ from persid.folder import versions
 from persid.freerun import free_run_score
 from persid.report import Drawing
 from persid.studies.parts import Parts
-from persid.studies.tables import Study, Table, number
+from persid.studies.tables import Study, Table, number, protocol
 
 A = np.array([[-0.1, 0.05], [0.05, -0.15]])
 B = np.array([0.5, 0.3])
@@ -84,7 +84,7 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     return Study(
         name="traffic",
         title="Traffic: one system under four disturbances",
-        protocol=__doc__.split("\n\n", 1)[1].replace("\n\n", " ").strip(),
+        protocol=protocol(__doc__),
         tables=_tables(names, cells, strengths, path, truth),
         drawings=_drawings(names, cells, strengths, path),
         figures=_figures(cells, path, strengths, truth),
