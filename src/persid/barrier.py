@@ -164,7 +164,7 @@ def descend(
     *,
     tolerance: float = 1e-3,
     time_limit: float = np.inf,
-    steps: int = 300,
+    steps: int = 200,
 ) -> Descent:
     """Follow the centres of f + beta barrier from a start down to the fit's best value, to within `tolerance` absolutely.
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -159,30 +159,33 @@ class CertifiedIdentifier(BaseEstimator):
         deadline = began + self.time_limit
         table = tuple(self._candidates(data, deadline)) if y is None else ()
         self.table_ = table
-        result, history, chosen = self._final(X, y, given, table, deadline)
+        result, history, chosen = self._final(X, y, given, _shortened(data), table, deadline)
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
         self._deliver(result, data, seconds)
         return self
 
     def _final(
-        self, X: Any, y: Any, given: dict[str, Any], table: tuple[Candidate, ...], deadline: float
+        self, X: Any, y: Any, given: dict[str, Any], data: Trajectories, table: tuple[Candidate, ...], deadline: float
     ) -> tuple[Result | None, tuple[Line, ...], "_Choice"]:
         """Fit to all data with the best candidate; where that is not certified, with the next ones."""
         history: tuple[Line, ...] = ()
         choice = _Choice(None, self.free_.ridge_)
         for choice in _ranked(table, self.free_.ridge_ if self.ridge == "auto" else float(self.ridge)):
             fitted = self.free_ if choice.functions is None else _with(self.free_, choice.functions).fit(X, y, **given)
-            result, lines = self._certified(fitted, choice.ridge, deadline)
+            result, lines = self._certified(fitted, choice.ridge, data, deadline)
             history += lines
             if result is not None or time.perf_counter() > deadline:
                 return result, history, choice
         return None, history, choice
 
-    def _certified(self, fitted: Any, ridge: float, deadline: float) -> tuple[Result | None, tuple[Line, ...]]:
+    def _certified(
+        self, fitted: Any, ridge: float, data: Trajectories, deadline: float
+    ) -> tuple[Result | None, tuple[Line, ...]]:
         history: tuple[Line, ...] = ()
         for demand in self._demands(fitted):
-            result, lines = best_certified(self._task(fitted, ridge, demand, deadline))
+            task = self._task(fitted, ridge, demand, deadline)
+            result, lines = best_certified(replace(task, score=lambda model: _error(model, data, self.free_.hold)))
             history += lines
             if result is not None and self._meets(result.certificate):
                 return result, history
@@ -255,11 +258,11 @@ class CertifiedIdentifier(BaseEstimator):
         )
         self.model_ = self.free_.model_ if result is None else result.model
         self.certificate_ = None if result is None else result.certificate
-        runs = Trajectories(tuple(run[:LONGEST] for run in data), data.states, data.inputs)
+        runs = _shortened(data)
         free, certified = (
             freerun.free_run_score(model, runs, self.free_.hold) for model in (self.free_.model_, self.model_)
         )
-        best = min((line for line in self.history_ if line.certified), key=lambda line: line.excess, default=None)
+        best = next((line for line in self.history_ if line.certified and result and line.excess == result.excess), None)
         if result is None:
             self.stop_ = "No certified model was found; model_ is the free fit, which has no certificate."
             self.verdict_: Verdict = Undecided(Reason.INFEASIBLE, self.stop_, attempts)
@@ -321,6 +324,11 @@ def _with(fitted: Any, functions: tuple[str, ...]) -> Any:
     """Return an unfitted estimator with other functions (its own where these are empty) and the ridge of a fitted one."""
     made = clone(fitted).set_params(ridge=fitted.ridge_, holdout=0.0)
     return made.set_params(functions=list(functions)) if functions else made
+
+
+def _shortened(data: Trajectories) -> Trajectories:
+    """Return the first samples of every run, as many as are scored."""
+    return Trajectories(tuple(run[:LONGEST] for run in data), data.states, data.inputs)
 
 
 def _split(data: Trajectories) -> tuple[Trajectories, Trajectories] | None:

@@ -246,7 +246,7 @@ class Frame:
     def inequality(self) -> Inequality:
         """The inequality in scaled units; unknowns y are P, then group by group mu and tau, then p."""
         pattern, units, n = self.pattern, self.units, self.pattern.n
-        width, kept = pattern.entries + self.inputs, np.array(pattern.states, int)
+        width, kept = pattern.entries + self.inputs, pattern.states
         S, rho, upper = [np.eye(width)], [np.eye(n)], [np.full(n, 0.5)]
         height, gradients = width, n
         gradient, product, cost = [], [], []
@@ -279,7 +279,7 @@ class Frame:
             ]
             cost.append(float(self.shape.sum()))
         return Inequality(
-            np.vstack(S), np.vstack(rho), np.concatenate(upper), self._scaled_flow(self.given), kept, _pairs(gradient),
+            np.vstack(S), np.vstack(rho), np.concatenate(upper), self._scaled_flow(self.given), np.array(kept, int), _pairs(gradient),
             _pairs(product), self._flow_pairs(), np.array(cost), len(kept) if self.full_P else 0,
             self.demand.kappa / units.rate, self.demand.delta, len(self.fit.w0),
         )  # fmt: skip

@@ -18,7 +18,7 @@ from persid.proof import write
 
 FULL_P_STATES = 12  # a full P takes part up to this many states
 PATH = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # stronger ridges whose fits are starts as well
-ENOUGH = 0.01  # a fit whose residuals grow by less than this share needs no other start
+ENOUGH = 0.05  # a fit whose residuals grow by less than this share needs no other start
 DAMPING = 1e-2  # of the linear start: its functions get -DAMPING P^-1
 RATES = 8  # halvings of the rate that a regional proof tries
 
@@ -27,7 +27,10 @@ Make = Callable[[Coefficients], PersidskiiModel]
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is fitted, what has to be shown about it, and until when (`time.perf_counter`)."""
+    """What is fitted, what has to be shown about it, and until when (`time.perf_counter`).
+
+    `score` is the free-run error by which certified results are compared; None compares their residuals.
+    """
 
     gram: Gram
     ridge: float
@@ -37,6 +40,7 @@ class Task:
     box: Float[ndarray, "n 2"] | None = None
     deadline: float = np.inf
     progress: Callable[[str], None] = lambda line: None
+    score: Callable[[PersidskiiModel], float] | None = None
 
     def left(self) -> float:
         """Seconds until the deadline."""
@@ -61,34 +65,37 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The best certified model, with its certificate and its growth of the residuals over the free fit."""
+    """A certified model, its certificate, the growth of its residuals over the free fit, and its error by the task's score."""
 
     model: PersidskiiModel
     certificate: Certificate
     theta: Coefficients
     excess: float
+    error: float
 
 
 def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
-    """Return the certified model of smallest residuals among those found, None where none was, and the history.
+    """Return the certified model of smallest error among those found, None where none was, and the history.
 
     Every start runs in turn until a fit loses next to nothing or the time is over; a later start counts only where it
     is better, so the result is never worse than the best certified start.
     """
     best: Result | None = None
+    lowest = np.inf
     lines: list[Line] = []
     for attempt in _attempts(task, lambda: best):
         name, frame, theta = attempt
         began = time.perf_counter()
         task.progress(f"fitting under the certificate, {name}")
         found, descent = _descent(task, frame, theta)
-        if found is not None and (best is None or found.excess < best.excess):
-            best = found
+        if found is not None:
+            best = found if best is None or found.error < best.error else best
+            lowest = min(lowest, found.excess)
         excess = np.inf if descent.point is None else frame.excess(frame.theta(descent.point.w))
         lines.append(
             Line(name, descent.stop.value, excess, found is not None, time.perf_counter() - began, descent.steps)
         )
-        if task.left() <= 0 or (best is not None and best.excess < ENOUGH):
+        if task.left() <= 0 or lowest < ENOUGH:
             break
     return best, tuple(lines)
 
@@ -122,8 +129,11 @@ def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[s
         if (anchor := _anchor(task, free)) is not None:
             yield f"free fit, its equilibrium, {word}", task.frame(full, anchor), free
         if best() is not None:
-            return
+            break
     full = 1 < n <= FULL_P_STATES
+    yield from _fewer_functions(task, best, full)
+    if best() is not None:
+        return
     for ridge in (r for r in PATH if r > 3 * task.ridge):
         theta = gram.solve(ridge)
         if (anchor := _anchor(task, theta)) is not None:
@@ -133,6 +143,27 @@ def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[s
     frame = task.frame(full, None if everywhere else _inside(task, gram.basis.x_ref))
     yield "linear fit, damped", frame, damped_linear(frame)
     yield from _about_best(task, best, full)
+
+
+def _fewer_functions(
+    task: Task, best: Callable[[], Result | None], full_P: bool
+) -> Iterator[tuple[str, Frame, Coefficients]]:
+    """Yield fits with one function only, or none, in all equations: what is left out asks nothing of the certificate."""
+    basis = task.gram.basis
+    kinds = np.array([column.kind == "function" for column in basis.columns])
+    terms = np.array([column.term for column in basis.columns])
+    count = len(basis.terms)
+    for kept in (-1, *(range(count) if count > 1 else ())):
+        left_out = kinds & (terms != kept)
+        fixed = np.where(left_out[:, None] & np.isnan(task.fixed), 0.0, task.fixed)
+        lean = replace(task, fixed=fixed)
+        name = "linear part" if kept < 0 else f"linear part and {_term_name(task, kept)}"
+        frame = lean.frame(full_P, None if task.box is None and _has_constant(task.gram) else _inside(task, basis.x_ref))
+        yield f"{name}, {'full' if full_P else 'diagonal'} P", frame, frame.theta(frame.fit.w0)
+
+
+def _term_name(task: Task, term: int) -> str:
+    return next(f.text for f in task.gram.basis.terms[term] if f is not None)
 
 
 def _about_best(
@@ -209,7 +240,8 @@ def _descent(task: Task, frame: Frame, theta: Coefficients) -> tuple[Result | No
             model = task.make(fitted)
             certificate = certificate_of(task, frame, model, descent.point)
             if certificate is not None:
-                return Result(model, certificate, fitted, frame.excess(fitted)), descent
+                excess = frame.excess(fitted)
+                return Result(model, certificate, fitted, excess, excess if task.score is None else task.score(model)), descent
             frame = replace(frame, demand=replace(frame.demand, delta=10 * frame.demand.delta))
             again = frame.start(fitted, task.left())
             descent = descend(frame.inequality, frame.fit, again, time_limit=task.left())

@@ -1,0 +1,245 @@
+"""Fitting under the certificate."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+
+import persid_check
+from persid.barrier import Point, Stop, _derivatives, _State, descend
+from persid.certificate import value
+from persid.constrained import CertifiedIdentifier
+from persid.errors import DataError
+from persid.frame import Demand, Frame
+from persid.freerun import free_run_score
+from persid.identify import PersidskiiIdentifier
+from persid.model import PersidskiiModel
+from persid.starts import damped_linear
+from persid.trajectories import Trajectories
+
+T = np.linspace(0, 20, 600)
+U = np.sin(T)[:, None] + 0.5 * np.sign(np.sin(0.7 * T))[:, None]
+STABLE = PersidskiiModel(
+    [[-1.0, 2.0], [-1.5, -0.5]], [("x**3", None, [[-0.3, 0.0], [0.1, -0.2]]), ("tanh(x)", None, [[0.5, -0.4], [0.2, -0.3]])],
+    [[1.0], [0.5]], [0.3, -0.2],
+)  # fmt: skip
+UNSTABLE = PersidskiiModel([[0.4]], [("x**3", None, [[-0.5]])], [[0.3]])  # two stable equilibria: never certified
+
+
+def runs(model: PersidskiiModel = STABLE, noise: float = 0.01, seed: int = 0, count: int = 2) -> Trajectories:
+    """Return noisy runs of a model from random initial states."""
+    rng = np.random.default_rng(seed)
+    found = [model.simulate(rng.normal(size=model.n), T, U)[0] for _ in range(count)]
+    x = [run.x + noise * rng.normal(size=run.x.shape) for run in found]
+    return Trajectories.from_arrays(x, [U] * count, t=[T] * count)
+
+
+def frame_of(ridge: float = 1e-6, *, full_P: bool = True, anchor: object = None, demand: Demand | None = None) -> Frame:
+    """Return the frame of a fit with cubic and tanh functions."""
+    fit = PersidskiiIdentifier(["x", "x**3", "tanh(x)"], ridge=ridge).fit(runs())
+    fixed = np.full(fit.gram_.H.shape, np.nan)
+    return Frame(fit.gram_, ridge, fixed, full_P, demand or Demand(), anchor)
+
+
+def accepted(fit: CertifiedIdentifier) -> bool:
+    """Whether the checker accepts the certificate for the very model that is returned."""
+    with_model = persid_check.check(fit.certificate_.data)
+    return isinstance(with_model, persid_check.Accepted) and fit.certificate_.content["model_sha256"] == fit.model_.sha256
+
+
+def test_a_certifiable_fit_is_kept():
+    """Where the free fit satisfies the inequality, the constrained fit is the free fit."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "x**3", "tanh(x)"], ridge=1e-4), ridge=1e-4).fit(runs())
+    assert accepted(fit)
+    assert fit.report_.excess < 0.02
+    assert fit.report_.price < 1.05
+
+
+def test_a_fit_that_is_not_stable_is_made_so():
+    """Data of a system with two stable equilibria still give a certified model, and the report states the price."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "x**3"], ridge=1e-6)).fit(runs(UNSTABLE))
+    assert accepted(fit)
+    assert not np.allclose(fit.model_.A0, fit.free_.model_.A0)
+    assert fit.model_.jacobian(fit.certificate_.operating_point)[0, 0] < 0
+    assert fit.report_.excess > 0
+    assert "certified" in str(fit.report_)
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([["x", "tanh(x)"], ["x", "x**3"], ["x", "x**3", "sinh(x)", "tanh(x)"], ["x**3"]]))
+def test_certified_or_plainly_not(seed, functions):
+    """Whatever is returned is accepted by the checker, or the result says plainly that none was found."""
+    rng = np.random.default_rng(seed)
+    x = np.cumsum(rng.normal(size=(120, 2)) * 0.1, axis=0)
+    data = Trajectories.from_arrays(x, rng.normal(size=(120, 1)), dt=0.1)
+    fit = CertifiedIdentifier(PersidskiiIdentifier(functions, ridge=1e-3), ridge=1e-3, time_limit=4).fit(data)
+    if fit.verdict_.is_certified:
+        assert accepted(fit)
+    else:
+        assert fit.certificate_ is None
+        assert "No certified model was found" in str(fit.verdict_)
+
+
+def test_saved_floats_are_those_that_were_certified(tmp_path):
+    """The model that is read back from its file is the model of the certificate."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5).fit(runs())
+    fit.model_.save(tmp_path / "model.json")
+    fit.certificate_.save(tmp_path / "certificate.json")
+    answer = persid_check.check(str(tmp_path / "certificate.json"), str(tmp_path / "model.json"))
+    assert isinstance(answer, persid_check.Accepted)
+
+
+def test_rates_are_certified():
+    """A rate that is asked for stands in the certificate, and one that the data contradict costs accuracy."""
+    free = PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5)
+    easy, hard = (CertifiedIdentifier(free, ridge=1e-5, min_rate=rate).fit(runs()) for rate in (0.1, 2.0))
+    for fit, rate in ((easy, 0.1), (hard, 2.0)):
+        assert accepted(fit)
+        assert value(fit.certificate_.content["kappa"]) / 2 >= rate
+    assert hard.report_.excess > 10 * max(easy.report_.excess, 1e-3)
+
+
+def test_gains_are_certified():
+    """A gain that is asked for is the certificate's bound or larger."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5, max_gain=5.0).fit(runs())
+    assert accepted(fit)
+    kappa, gamma, p = (value(fit.certificate_.content[name]) for name in ("kappa", "gamma", "p"))
+    assert np.sqrt(gamma / (kappa * p)) <= 5.0
+
+
+def test_regions_are_certified():
+    """With scope="regional" the claim is about the box of the data."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "sin(x)"], ridge=1e-4), ridge=1e-4, scope="regional").fit(runs())
+    assert accepted(fit)
+    assert fit.certificate_.claim == "R"
+
+
+def test_fixed_coefficients_stay():
+    """A known coefficient is exactly the number that was given, in a certified model."""
+    fit = CertifiedIdentifier(
+        PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5, fixed={("x1", "x2"): 2.0, ("x2", "u1"): 0.5}
+    ).fit(runs())
+    assert accepted(fit)
+    assert (fit.model_.A0[0, 1], fit.model_.B[1, 0]) == (2.0, 0.5)
+    with pytest.raises(DataError, match="columns"):
+        CertifiedIdentifier(PersidskiiIdentifier(), fixed={("x1", "nothing"): 1.0}).fit(runs())
+
+
+@pytest.mark.parametrize("options", [{"pattern": np.array([[True, True], [False, True]])}, {"shared": True}, {"constant": False}])
+def test_structure_is_kept(options):
+    """Patterns, shared coefficients and a missing constant hold in the certified model as in the free one."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-4, **options), ridge=1e-4).fit(runs())
+    assert accepted(fit)
+    if "pattern" in options:
+        assert fit.model_.A0[1, 0] == 0
+        assert fit.model_.terms[0].A[1, 0] == 0
+    if "shared" in options:
+        assert fit.model_.A0[0, 0] == fit.model_.A0[1, 1]
+    if "constant" in options:
+        assert not fit.model_.b.any()
+
+
+@pytest.mark.parametrize("method", ["derivative", "edmd"])
+def test_every_estimator_will_do(method):
+    """All estimators end in a Gram matrix, and that is all that is needed."""
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], method=method, ridge=1e-4), ridge=1e-4).fit(
+        runs(noise=0.0)
+    )
+    assert accepted(fit)
+
+
+def test_functions_are_selected():
+    """select="auto" finds that data of a linear system need no function, and lists what was tried."""
+    linear = PersidskiiModel([[-1.0, 2.0], [-1.5, -0.5]], B=[[1.0], [0.5]])
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "x**3", "tanh(x)"], ridge=1e-6), ridge=1e-6, select="auto").fit(
+        runs(linear, 0.0)
+    )
+    assert accepted(fit)
+    assert len(fit.table_) == 4
+    assert not fit.model_.terms
+
+
+def test_starts_from_afar():
+    """The damped linear fit is feasible from the start, whatever the functions."""
+    for full in (True, False):
+        frame = frame_of(full_P=full, anchor=np.zeros(2))
+        point = frame.start(damped_linear(frame))
+        assert descend(frame.inequality, frame.fit, point).point is not None
+
+
+def test_the_descent_is_monotone():
+    """The centres' fits fall from one to the next, and the end is strictly feasible."""
+    frame = frame_of(anchor=np.zeros(2))
+    descent = descend(frame.inequality, frame.fit, frame.start(damped_linear(frame)))
+    fits = [float(line.split("fit")[1].split()[0]) for line in descent.log if "beta" in line and "slack 0.0" in line]
+    assert descent.stop is Stop.OPTIMAL
+    assert (np.diff(fits) < 1e-6).all()
+    D = frame.inequality.rows(frame.inequality.flows(descent.point.w), frame.inequality.slopes(descent.point.y))
+    assert np.linalg.eigvalsh(frame.inequality.matrix(D, descent.point.y))[0] > 0
+
+
+@pytest.mark.parametrize("demand", [Demand(), Demand(kappa=0.2), Demand(kappa=0.2, ratio=50.0)])
+@pytest.mark.parametrize("full_P", [True, False])
+def test_derivatives_of_the_barrier(demand, full_P):
+    """Gradient and Hessian agree with differences of the barrier along random directions."""
+    frame = frame_of(full_P=full_P, anchor=np.zeros(2), demand=demand)
+    inequality = frame.inequality
+    start = frame.start(damped_linear(frame))
+    point = Point(start.w, start.y, start.slack + 1.0)
+    rng = np.random.default_rng(0)
+    K = len(point.w)
+    d = np.concatenate([rng.normal(size=K), rng.normal(size=len(point.y)) * np.abs(point.y)])
+    g, H, C = _derivatives(inequality, _State.at(inequality, point))
+    H[:K, K:] += C
+    H[K:, :K] += C.T
+    h = 1e-5
+    ahead, behind = (
+        _State.at(inequality, Point(point.w + s * d[:K], point.y + s * d[K:], point.slack)) for s in (h, -h)
+    )
+    assert (ahead.barrier - behind.barrier) / (2 * h) == pytest.approx(g @ d, rel=1e-5)
+    change = (_derivatives(inequality, ahead)[0] - _derivatives(inequality, behind)[0]) / (2 * h)
+    assert change == pytest.approx(H @ d, rel=1e-4, abs=1e-5 * np.abs(H @ d).max())
+
+
+def test_the_convex_step_against_a_library():
+    """With (P, mu) held the fit is a semidefinite program; the joint descent is no worse than Clarabel's optimum."""
+    cvxpy = pytest.importorskip("cvxpy")
+    frame = frame_of(anchor=np.zeros(2))
+    inequality, fit = frame.inequality, frame.fit
+    end = descend(inequality, fit, frame.start(damped_linear(frame))).point
+    held = descend(inequality, fit, frame.start(frame.theta(end.w)), steps=1).point or end
+    w, tau = cvxpy.Variable(len(end.w)), cvxpy.Variable(len(inequality.product.p), nonneg=True)
+    E, flow = inequality.slopes(held.y), inequality.flow
+    F = inequality.base
+    for k, c, i, weight in zip(flow.owner, flow.p, flow.q, flow.weight, strict=True):
+        unit = np.zeros_like(F)
+        unit[i, c] = weight
+        F = F + w[int(k)] * unit
+    S = inequality.S
+    products = [t * (np.outer(S[a], S[b]) + np.outer(S[b], S[a])) for t, a, b in zip(tau, inequality.product.p, inequality.product.q, strict=True)]
+    Q = E @ F + (E @ F).T + sum(products)
+    root = np.linalg.cholesky(fit.M + 1e-12 * np.eye(len(fit.M)) * np.trace(fit.M)).T
+    problem = cvxpy.Problem(
+        cvxpy.Minimize(0.5 * cvxpy.sum_squares(root @ (w - fit.w0))), [-(Q + Q.T) / 2 >> inequality.delta * np.eye(len(S.T))]
+    )
+    problem.solve(solver="CLARABEL")
+    assert fit(end.w) <= problem.value + 2e-3
+
+
+def test_clones_and_parameters():
+    """clone keeps the options; wrong ones are refused in words."""
+    estimator = CertifiedIdentifier(PersidskiiIdentifier(["x"]), min_rate=0.1, select="auto")
+    assert clone(estimator).min_rate == 0.1
+    for wrong in ({"scope": "local"}, {"margin": 0.0}, {"select": "all"}, {"max_gain": -1.0}, {"ridge": "much"}):
+        with pytest.raises(DataError, match=next(iter(wrong))):
+            CertifiedIdentifier(PersidskiiIdentifier(["x"]), **wrong).fit(runs())
+
+
+def test_scores_and_simulations_are_those_of_the_certified_model():
+    """predict, simulate and score speak of model_."""
+    data = runs()
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5).fit(data)
+    assert fit.score(data) == pytest.approx(free_run_score(fit.model_, data).r2_mean)
+    assert fit.predict(data).shape == (1200, 2)
+    assert fit.simulate([1.0, 1.0], T, U)[0].diverged_at is None
