@@ -1,8 +1,8 @@
 """Seconds, iterations and memory to decide one matrix inequality, one thread, against library solvers.
 
 The models are of column_dominance (forms) and dissipative (the paper's multipliers) in families.py of the shared data.
-Every run is a process of its own with 8 GiB of address space and 3 minutes; a solver that runs out of either is not
-tried on larger models.
+Every run is a process of its own with one thread, 8 GiB of address space and 3 minutes; a solver that runs out of either
+is not tried on larger models. Seconds are processor seconds, so that other work on the machine changes them little.
 
     OMP_NUM_THREADS=1 python benchmarks/speed.py [--sizes 5,10,20,50,100,200,400]
 """
@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -49,7 +50,7 @@ def solved_here(kind: str, n: int) -> dict:
     from persid.lmi import assemble, corollary_1
     from persid.search import search
 
-    started = time.perf_counter()
+    started = time.process_time()
     about, pools = prepare(kind, n)
     if kind == "paper":
         assembly = assemble(about, corollary_1(about))
@@ -57,7 +58,7 @@ def solved_here(kind: str, n: int) -> dict:
     else:
         outcome = search(about, pools)
         assembly, answer, rounds = outcome.assembly, outcome.solution, outcome.rounds
-    seconds = time.perf_counter() - started
+    seconds = time.process_time() - started
     found = {"answer": answer.status.name.lower(), "iterations": len(answer.log), "rounds": rounds}
     return found | {"seconds": seconds, "unknowns": len(assembly.problem.cost)}
 
@@ -74,7 +75,7 @@ def solved_by_library(kind: str, n: int, solver: str) -> dict:
     about, pools = prepare(kind, n)
     assembly = assemble(about, corollary_1(about)) if kind == "paper" else search(about, pools).assembly
     problem, _ = whitened(assembly.problem)
-    started = time.perf_counter()
+    started = time.process_time()
     D = sparse.csr_array(sparse.vstack([problem.S, sparse.csr_array(problem.H)]))
     columns = [(D[[p]].T @ D[[q]]).tocoo() for p, q in zip(problem.p, problem.q, strict=True)]
     norms = [2 * float(np.sqrt((c.data**2).sum())) for c in columns]
@@ -94,7 +95,7 @@ def solved_by_library(kind: str, n: int, solver: str) -> dict:
     half = (M @ weights).reshape(N, N, order="F")
     margin = float(np.linalg.eigvalsh(-half - half.T)[0]) if np.isfinite(weights).all() else float("nan")
     answer = "feasible" if margin > 0 else str(program.status)  # judged by the point itself, not by what is said of it
-    return {"answer": answer, "seconds": time.perf_counter() - started, "unknowns": J}
+    return {"answer": answer, "seconds": time.process_time() - started, "unknowns": J}
 
 
 def one(kind: str, n: int, solver: str) -> None:
@@ -109,14 +110,17 @@ def run(kind: str, n: int, solver: str) -> dict:
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
 
     command = [sys.executable, "-W", "ignore", __file__, "--one", kind, str(n), solver]
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON")}
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=SECONDS, env=os.environ | threads, preexec_fn=limited
+            command, capture_output=True, text=True, timeout=8 * SECONDS, env=os.environ | threads, preexec_fn=limited
         )
     except subprocess.TimeoutExpired:
+        return {"answer": "time-out"}
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return {"answer": "time-out"}
     if done.returncode:
         last = done.stderr.strip().splitlines()[-1:] or [f"ended by signal {-done.returncode}"]

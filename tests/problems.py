@@ -98,7 +98,7 @@ PROBLEMS = (
     ),
     # stable planar models
     _planar("rotation", "certified", "The symmetric part of A0 is -I.", _ROTATION),
-    _planar("nonnormal", "certified", "A0 is Hurwitz, which a full P shows.", [[-1.0, 8.0], [-0.6, -1.0]]),
+    _planar("nonnormal", "certified", "Hurwitz, though x1 alone grows: needs a full P.", [[1.0, -3.0], [2.0, -2.0]]),
     _planar("damped tanh", "certified", "x1' and x2' are diagonally dominated.", -2 * _I, ("tanh(x)", None, 0.5 * _I)),
     _planar(
         "skew cubes",

@@ -13,7 +13,7 @@ from persid.interior_point import Status, pairings
 from persid.model import PersidskiiModel
 from persid.search import search
 from persid.setting import Setting
-from problems import PROBLEMS, Problem
+from problems import BY_NAME, PROBLEMS, Problem
 
 certify_module = importlib.import_module("persid.certify")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -29,7 +29,7 @@ def without_rates(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def verdict(model: PersidskiiModel) -> str:
     """Return the verdict as a word; what is certified or refuted has passed the checker."""
-    return type(certify_module.certify(model, time_limit=20.0)).__name__.lower()
+    return type(certify_module.certify(model, time_limit=60.0)).__name__.lower()
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
@@ -106,7 +106,7 @@ def infeasible_models() -> Iterator[PersidskiiModel]:
 
     for family in ("unstable_origin", "saturated", "cooperative_bistable"):
         for n in (1, 3):
-            for _, _, data in families.draw(family, n, 2, 1):
+            for _, _, data in families.draw(family, n, 1, 1):
                 yield PersidskiiModel.from_dict(data)
 
 
@@ -136,6 +136,6 @@ def test_rejected_certificate_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> 
         raise RoundingError("the checker does not accept it: Q: not positive definite")
 
     monkeypatch.setattr(Certificate, "accept", refuse)
-    answer = certify_module.certify(PAIR, time_limit=5.0)
+    answer = certify_module.certify(BY_NAME["linear"].build(), time_limit=60.0)
     assert not answer.is_certified
     assert "does not accept" in str(answer)
