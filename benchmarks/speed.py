@@ -1,8 +1,8 @@
 """Seconds, iterations and memory to decide one matrix inequality, one thread, against library solvers.
 
 The models are of column_dominance (forms) and dissipative (the paper's multipliers) in families.py of the shared data.
-Every run is a process of its own with one thread, 8 GiB of address space and 3 minutes; a solver that runs out of either
-is not tried on larger models. Seconds are processor seconds, so that other work on the machine changes them little.
+Every run is a process of its own with one thread, 8 GiB of address space and 3 minutes; a solver that runs out of
+either is not tried on larger models. Seconds are processor seconds: other work on the machine changes them little.
 
     OMP_NUM_THREADS=1 python benchmarks/speed.py [--sizes 5,10,20,50,100,200,400]
 """

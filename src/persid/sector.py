@@ -31,7 +31,7 @@ LARGEST_VALUE = 1e120  # samples of the curve stop where a function exceeds this
 
 @dataclass(frozen=True)
 class Curve:
-    """phi(y) = (y, f_1(a_1 (y* + y)) - f_1(a_1 y*), …) on a domain (None: all of R), y* in [shift - radius, shift + radius]."""
+    """phi(y) = (y, f_1(a_1 (y* + y)) - f_1(a_1 y*), …) on a domain (None: R), y* within the ball `shift`."""
 
     functions: tuple[str, ...]
     factors: tuple[Fraction, ...]
