@@ -47,7 +47,8 @@ def traffic() -> None:
         seconds = time.perf_counter() - began
         far = sum(fit.simulate(x0, T, data[0].u)[0].diverged_at is not None for x0 in FAR)
         free, score = (free_run_score(model, data) for model in (fit.free_.model_, fit.model_))
-        print(f"  {name}  {text(free)} | {text(score)} far {far}/8  {accepted(fit)}  ridge {fit.ridge_:.0e}  {seconds:.1f} s", flush=True)
+        end = f"far {far}/8  {accepted(fit)}  {seconds:.1f} s"
+        print(f"  {name}  {text(free)} | {text(score)}  {end}", flush=True)
 
 
 def seeds(count: int = 10) -> None:
@@ -59,7 +60,8 @@ def seeds(count: int = 10) -> None:
             began = time.perf_counter()
             found += accepted(CertifiedIdentifier(PersidskiiIdentifier()).fit(data)).startswith("claim")
             times.append(time.perf_counter() - began)
-        print(f"seeds of {name}: {found} of {count} certified, {np.median(times):.1f} s (median), {max(times):.1f} s (most)", flush=True)
+        seconds = f"{np.median(times):.1f} s (median), {max(times):.1f} s (most)"
+        print(f"seeds of {name}: {found} of {count} certified, {seconds}", flush=True)
 
 
 def noisy(data: Trajectories, seed: int, size: float = 0.02) -> Trajectories:
@@ -70,7 +72,7 @@ def noisy(data: Trajectories, seed: int, size: float = 0.02) -> Trajectories:
 
 
 def truth(n: int, seed: int) -> PersidskiiModel:
-    """Return a random model with row and column dominance of every block: it has a Lyapunov function by construction."""
+    """Return a random model with row and column dominance of every block: it is stable by construction."""
     rng = np.random.default_rng(seed)
     blocks = []
     for size in (1.0, 0.1, 0.1, 1.0):

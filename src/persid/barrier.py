@@ -6,14 +6,18 @@ w are the coefficients of the flow F = [G, B] (affine in w), y the numbers of th
 
     Z = -(E F + F'E') - kappa W - S - delta I,      E = E(y) half the gradient of V,  S = S(y) the products of forms.
 
-Every unknown enters the derivative of Z through pairs of rows of one matrix D = [S; rho F; E'], those of the model too:
-the coefficient at place (i, c) of F has the pair (e_c, E'_i). So with V = D Z^-1 D' the Hessian of -log det Z is made of
-elementwise products of blocks of V, as in `interior_point`, and the term that the bilinearity adds is one block of V:
+Every unknown enters the derivative of Z through pairs of rows of one matrix D = [S; rho F; E'], those of the model
+too: the coefficient at place (i, c) of F has the pair (e_c, E'_i). So with V = D Z^-1 D' the Hessian of -log det Z is
+made of elementwise products of blocks of V, as in `interior_point`, and what the bilinearity adds is one block of V:
 
-    d2(E F + F'E') = rho_i (l e_c' + e_c l')   for a density or an entry of P with the pair (l, rho F) and a coefficient.
+    d2(E F + F'E') = rho_i (l e_c' + e_c l')   for a number of V with the pair (l, rho F) and the coefficient (i, c).
 
-Each Newton step takes that block whole where the Hessian stays positive definite, else the part of it that does.
-References: Nesterov & Nemirovskii (1994), ch. 2; Fares, Noll & Apkarian (2002), SIAM J. Control Optim. 40(6) (bilinear ones).
+Each Newton step takes that block whole where the Hessian stays positive definite, else the part of it that does, and
+bends: along d = (dw, dy) Z also changes by -(dE dF + dF'dE'), and the step follows the arc a d + a^2 s on which s makes
+up for that to first order. Without it, iterates creep along the valleys where E grows as F shrinks. Points that do not
+yet satisfy the inequality get a slack, whose price rises until it is gone (an exact penalty).
+References: Nesterov & Nemirovskii (1994), ch. 2; Fares, Noll & Apkarian (2002), SIAM J. Control Optim. 40(6);
+Transtrum & Sethna (2012), arXiv:1201.5885 (the second-order correction).
 """
 
 import time
@@ -31,6 +35,7 @@ BLOCK = 64  # rows of the Hessian made at once: what they gather from stays in t
 SHRINK = 0.2  # of the barrier's weight from one centre to the next
 NEAR = 1.0  # Newton decrement, in units of the barrier's weight, at which a centre is near enough
 PATIENCE = 12  # steps towards one centre before the next is aimed at all the same
+LAST_PATIENCE = 40  # steps towards the last centre
 SHARES = (1.0, 0.5, 0.0)  # of the bilinear block that are tried in the Hessian
 SHORTEST = 1e-8  # a step length below which a search along the Newton direction gives up
 HOLD = 1.0  # weight of |F|^2 / 2 in the barrier: models whose coefficients the data do not hold stay near the others
@@ -63,10 +68,10 @@ class Inequality:
     """Z(w, y) > 0 with the unknowns u = (w, y).
 
     `S` are rows in z (and inputs), the first being unit rows; `rho` (h x n) gradients with their constants `upper`, of
-    which row h stands for rho_h (F + kappa upper_h I). `gradient` pairs (row of S, row of rho) are in y, `product` pairs
-    (two rows of S) in y, `flow` pairs (column c, row i of F) in w. `base` is F at w = 0. y begins with the entries of P:
-    `symmetric` > 0 is the order of a full P, else `diagonal` entries come first and every y is positive. `cost` is c. `coefficients` counts w,
-    with those that no pair has: inputs and constants.
+    which row h stands for rho_h (F + kappa upper_h I). `gradient` pairs (row of S, row of rho) and `product` pairs (two
+    rows of S) are in y, `flow` pairs (column c, row i of F) in w. `base` is F at w = 0. y begins with the entries of P:
+    `symmetric` > 0 is the order of a full P; a diagonal one is positive like all the rest of y. `cost` is c.
+    `coefficients` counts w, with those that no pair has: inputs and constants.
     """
 
     S: Float[ndarray, "s W"]
@@ -148,7 +153,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """How a descent ended: the last strictly feasible point (None: there was none), its fit, one log line per centre."""
+    """How a descent ended: the last strictly feasible point (None: there was none), its fit, a log line per centre."""
 
     stop: Stop
     point: Point | None
@@ -166,7 +171,7 @@ def descend(
     time_limit: float = np.inf,
     steps: int = 200,
 ) -> Descent:
-    """Follow the centres of f + beta barrier from a start down to the fit's best value, to within `tolerance` absolutely.
+    """Follow the centres of f + beta barrier from a start down to the fit's best value, to within `tolerance`.
 
     A start with slack is first led into the feasible region, near where f is small.
     """
@@ -189,6 +194,9 @@ def descend(
             seeking, aim, aimed = False, _first_aim(inequality, fit, state.point, last), count
         elif time.perf_counter() - started > time_limit or count >= steps:
             stop = Stop.STEPS if count >= steps else Stop.TIME
+            break
+        elif not seeking and aim.beta <= last and not near and count - aimed >= LAST_PATIENCE:
+            stop = Stop.STALLED
             break
         elif near or (aim.beta > last and count - aimed >= PATIENCE):
             log.append(f"{count:3d}  beta {aim.beta:.1e}  fit {fit(state.point.w):.6g}  slack {state.point.slack:.1e}")
@@ -249,9 +257,7 @@ class _State:
         return cls(point, F, D, L, P, 0.5 * HOLD * float((F**2).sum()) - float(logarithms))
 
 
-def _step(
-    inequality: Inequality, fit: Fit, state: _State, aim: Aim, seeking: bool
-) -> tuple[_State, float] | None:
+def _step(inequality: Inequality, fit: Fit, state: _State, aim: Aim, seeking: bool) -> tuple[_State, float] | None:
     """Take one damped Newton step for pull f + beta barrier (+ slack); return the state and the decrement over beta."""
     K, point, beta, pull = inequality.coefficients, state.point, aim.beta, aim.pull
     g, Gauss, bilinear = _derivatives(inequality, state)
@@ -428,6 +434,3 @@ def _bilinear(inequality: Inequality, V: ndarray, tie: sparse.csr_array) -> ndar
     f, e = len(flow.p), len(gradient.p)
     left, right = tie[:f, :K], tie[f : f + e, K:]
     return np.asarray(left.T @ np.ascontiguousarray((right.T @ block.T).T))
-
-
-Progress = Callable[[str], None]

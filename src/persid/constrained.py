@@ -78,7 +78,7 @@ class CertifiedReport:
     def __str__(self) -> str:
         lines = [f"free       {_score_text(self.free)}", f"certified  {_score_text(self.certified)}"]
         if self.price is not None:
-            lines.append(f"price      RMSE times {self.price:.3f}; residuals grow by {100 * (self.excess or 0.0):.2g} %")
+            lines.append(f"price      RMSE times {self.price:.3f}; residuals +{100 * (self.excess or 0.0):.2g} %")
         lines += [f"{self.stop} ({self.seconds:.1f} s)", *(_line_text(line) for line in self.history)]
         return "\n".join([*lines, *(_candidate_text(candidate) for candidate in self.table)])
 
@@ -92,7 +92,8 @@ def _score_text(score: Score | None) -> str:
 
 def _line_text(line: Line) -> str:
     end = "certified" if line.certified else "not certified"
-    return f"  {line.start}: {end}, residuals +{100 * line.excess:.3g} %, {line.steps} steps, {line.seconds:.1f} s. {line.stop}"
+    cost = f"residuals +{100 * line.excess:.3g} %, {line.steps} steps, {line.seconds:.1f} s"
+    return f"  {line.start}: {end}, {cost}. {line.stop}"
 
 
 def _candidate_text(row: Candidate) -> str:
@@ -253,7 +254,7 @@ class CertifiedIdentifier(BaseEstimator):
 
     def _deliver(self, result: Result | None, data: Trajectories, seconds: float) -> None:
         attempts = tuple(
-            Attempt(f"fit under the certificate: {line.start}", "certified" if line.certified else line.stop, line.seconds)
+            Attempt(f"fit, {line.start}", "certified" if line.certified else line.stop, line.seconds)
             for line in self.history_
         )
         self.model_ = self.free_.model_ if result is None else result.model
@@ -262,7 +263,8 @@ class CertifiedIdentifier(BaseEstimator):
         free, certified = (
             freerun.free_run_score(model, runs, self.free_.hold) for model in (self.free_.model_, self.model_)
         )
-        best = next((line for line in self.history_ if line.certified and result and line.excess == result.excess), None)
+        certified_lines = [line for line in self.history_ if line.certified]
+        best = next((line for line in certified_lines if result and line.excess == result.excess), None)
         if result is None:
             self.stop_ = "No certified model was found; model_ is the free fit, which has no certificate."
             self.verdict_: Verdict = Undecided(Reason.INFEASIBLE, self.stop_, attempts)
@@ -271,7 +273,14 @@ class CertifiedIdentifier(BaseEstimator):
             self.verdict_ = Certified(result.certificate, attempts)
         excess = None if result is None else result.excess
         self.report_ = CertifiedReport(
-            free, None if result is None else certified, self.ridge_, excess, self.stop_, seconds, self.history_, self.table_
+            free,
+            None if result is None else certified,
+            self.ridge_,
+            excess,
+            self.stop_,
+            seconds,
+            self.history_,
+            self.table_,
         )
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
@@ -321,7 +330,7 @@ def _dictionaries(names: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def _with(fitted: Any, functions: tuple[str, ...]) -> Any:
-    """Return an unfitted estimator with other functions (its own where these are empty) and the ridge of a fitted one."""
+    """Return an unfitted estimator like a fitted one, with its ridge and other functions (its own where empty)."""
     made = clone(fitted).set_params(ridge=fitted.ridge_, holdout=0.0)
     return made.set_params(functions=list(functions)) if functions else made
 

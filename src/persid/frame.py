@@ -35,7 +35,7 @@ Coefficients = Float[ndarray, "p n"]
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What the certificate has to show: a margin delta (scaled), a rate of decay kappa / 2 in 1/s, gamma / p at most `ratio`."""
+    """What the certificate has to show: a margin delta (scaled), a rate kappa / 2 in 1/s, gamma / p = `ratio`."""
 
     delta: float = 1e-5
     kappa: float = 0.0
@@ -53,7 +53,7 @@ class Frame:
     gram: Gram
     ridge: float
     fixed: Coefficients
-    full_P: bool
+    full_P: bool  # noqa: N815 (the matrix is called P)
     demand: Demand
     anchor: Float[ndarray, " n"] | None = None
     box: Float[ndarray, "n 2"] | None = None
@@ -107,7 +107,7 @@ class Frame:
     def fit(self) -> Fit:
         """The weighted least squares in the unknowns: 1/2 sum_i (residual_i - free residual_i) / free residual_i."""
         gram, number = self.gram, self.parameter
-        p, n = number.shape
+        p = len(number)
         C = np.eye(p)
         if self.anchor is not None:
             C[: len(self.values), -1] = -self.values
@@ -249,7 +249,9 @@ class Frame:
         width, kept = pattern.entries + self.inputs, pattern.states
         S, rho, upper = [np.eye(width)], [np.eye(n)], [np.full(n, 0.5)]
         height, gradients = width, n
-        gradient, product, cost = [], [], []
+        gradient: list[tuple[int, int, int, float]] = []
+        product: list[tuple[int, int, int, float]] = []
+        cost: list[float] = []
         for a, i in enumerate(kept):
             for b in range(a, len(kept)) if self.full_P else (a,):
                 gradient.append((a, kept[b], len(cost), 1.0))
@@ -279,8 +281,8 @@ class Frame:
             ]
             cost.append(float(self.shape.sum()))
         return Inequality(
-            np.vstack(S), np.vstack(rho), np.concatenate(upper), self._scaled_flow(self.given), np.array(kept, int), _pairs(gradient),
-            _pairs(product), self._flow_pairs(), np.array(cost), len(kept) if self.full_P else 0,
+            np.vstack(S), np.vstack(rho), np.concatenate(upper), self._scaled_flow(self.given), np.array(kept, int),
+            _pairs(gradient), _pairs(product), self._flow_pairs(), np.array(cost), len(kept) if self.full_P else 0,
             self.demand.kappa / units.rate, self.demand.delta, len(self.fit.w0),
         )  # fmt: skip
 
@@ -320,7 +322,7 @@ class Frame:
     # ---- from models to points and back
 
     def start(self, theta: Coefficients, time_limit: float = np.inf) -> Point:
-        """Return the point of coefficients with the multipliers of largest margin; its slack is 0 where that suffices."""
+        """Return the point of coefficients with the multipliers of largest margin; slack 0 where that suffices."""
         found = assemble(self.system(theta), self.families, full_P=self.full_P, target=self.target)
         solution = solve(found.problem, time_limit=time_limit, gap=1e-3)
         numbers = found.multipliers(solution.y)
@@ -355,8 +357,8 @@ class Frame:
         y = np.concatenate(parts)
         return y / (self.inequality.cost @ y)
 
-    def lyapunov(self, model: PersidskiiModel, y: Float[ndarray, " J"], found: Sequence[Group]) -> Lyapunov | None:
-        """Return the Lyapunov function of a point for the model's groups about its own equilibrium, with few multipliers."""
+    def lyapunov(self, model: PersidskiiModel, y: Float[ndarray, " J"], found: tuple[Group, ...]) -> Lyapunov | None:
+        """Return the Lyapunov function of a point for the model's groups about its own equilibrium, leanly."""
         pools = {group.curve: forms for group, forms in zip(found, self.forms, strict=True)}
         own = system(model, found, pools, shifted=True)
         sizes = np.where(np.arange(len(y)) < self.inequality.free, np.inf, np.abs(y))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.barrier import Descent, Point, descend
+from persid.barrier import Descent, Point, Stop, descend
 from persid.certificate import Certificate, RoundingError
 from persid.equilibrium import OperatingPoint, find_operating_point, prove
 from persid.frame import Coefficients, Demand, Frame, about
@@ -53,7 +53,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One descent: where it started, how it ended, the growth of the residuals, whether the proof was accepted, seconds."""
+    """One descent: start, how it ended, growth of the residuals, whether a proof was accepted, seconds, steps."""
 
     start: str
     stop: str
@@ -65,7 +65,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A certified model, its certificate, the growth of its residuals over the free fit, and its error by the task's score."""
+    """A certified model, its certificate, the growth of its residuals over the free fit, its error by the score."""
 
     model: PersidskiiModel
     certificate: Certificate
@@ -83,8 +83,11 @@ def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
     best: Result | None = None
     lowest = np.inf
     lines: list[Line] = []
-    for attempt in _attempts(task, lambda: best):
-        name, frame, theta = attempt
+
+    def so_far() -> Result | None:
+        return best
+
+    for name, frame, theta in _attempts(task, so_far):
         began = time.perf_counter()
         task.progress(f"fitting under the certificate, {name}")
         found, descent = _descent(task, frame, theta)
@@ -101,7 +104,7 @@ def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
 
 
 def sketch(task: Task) -> tuple[Coefficients, float] | None:
-    """Return the first strictly feasible fit with the growth of its residuals, without a proof; None where none is found."""
+    """Return the first strictly feasible fit with the growth of its residuals, unproved; None where none is found."""
     for name, frame, theta in _attempts(task, lambda: None):
         task.progress(f"trying under the certificate, {name}")
         try:
@@ -117,7 +120,7 @@ def sketch(task: Task) -> tuple[Coefficients, float] | None:
 
 
 def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[str, Frame, Coefficients]]:
-    """Yield the starts: about every equilibrium, the best one's, the free fit's; and from afar while nothing is found."""
+    """Yield starts: about every equilibrium, the best one's, the free fit's; from afar while nothing is found."""
     gram, n = task.gram, task.gram.H.shape[1]
     everywhere = task.box is None and _has_constant(gram)
     free = gram.solve(task.ridge)
@@ -148,7 +151,7 @@ def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[s
 def _fewer_functions(
     task: Task, best: Callable[[], Result | None], full_P: bool
 ) -> Iterator[tuple[str, Frame, Coefficients]]:
-    """Yield fits with one function only, or none, in all equations: what is left out asks nothing of the certificate."""
+    """Yield fits with one function only, or none: what is left out asks nothing of the certificate."""
     basis = task.gram.basis
     kinds = np.array([column.kind == "function" for column in basis.columns])
     terms = np.array([column.term for column in basis.columns])
@@ -158,7 +161,8 @@ def _fewer_functions(
         fixed = np.where(left_out[:, None] & np.isnan(task.fixed), 0.0, task.fixed)
         lean = replace(task, fixed=fixed)
         name = "linear part" if kept < 0 else f"linear part and {_term_name(task, kept)}"
-        frame = lean.frame(full_P, None if task.box is None and _has_constant(task.gram) else _inside(task, basis.x_ref))
+        everywhere = task.box is None and _has_constant(task.gram)
+        frame = lean.frame(full_P, None if everywhere else _inside(task, basis.x_ref))
         yield f"{name}, {'full' if full_P else 'diagonal'} P", frame, frame.theta(frame.fit.w0)
 
 
@@ -172,7 +176,8 @@ def _about_best(
     found = best()
     anchor = None if found is None else _anchor(task, found.theta)
     if found is not None and anchor is not None:
-        yield f"best so far, its equilibrium, {'full' if full_P else 'diagonal'} P", task.frame(full_P, anchor), found.theta
+        word = "full" if full_P else "diagonal"
+        yield f"best so far, its equilibrium, {word} P", task.frame(full_P, anchor), found.theta
 
 
 def _inside(task: Task, point: ndarray) -> ndarray:
@@ -187,7 +192,7 @@ def _has_constant(gram: Gram) -> bool:
 
 
 def _anchor(task: Task, theta: Coefficients) -> Float[ndarray, " n"] | None:
-    """Return the equilibrium of coefficients that is nearest to x_ref (and inside the box), None where there is none."""
+    """Return the equilibrium of coefficients nearest to x_ref (and inside the box), None where there is none."""
     basis = task.gram.basis
     if not _has_constant(task.gram):
         return basis.x_ref
@@ -198,9 +203,9 @@ def _anchor(task: Task, theta: Coefficients) -> Float[ndarray, " n"] | None:
 
 
 def damped_linear(frame: Frame) -> Coefficients:
-    """Return the linear fit, made Hurwitz by a shift, with a little of -P^-1 f for every function f: always certifiable.
+    """Return the linear fit, made Hurwitz by a shift, with a little of -P^-1 f for every function f.
 
-    With V = x'Px + 2 mu sum of integrals, a small mu and a small factor e, x'P(-e P^-1 f) = -e x'f < 0 outweighs the rest.
+    With V = x'Px + 2 mu sum of integrals, small mu and a small factor e, x'P(-e P^-1 f) = -e x'f outweighs the rest.
     """
     import scipy.linalg as sla
 
@@ -241,19 +246,18 @@ def _descent(task: Task, frame: Frame, theta: Coefficients) -> tuple[Result | No
             certificate = certificate_of(task, frame, model, descent.point)
             if certificate is not None:
                 excess = frame.excess(fitted)
-                return Result(model, certificate, fitted, excess, excess if task.score is None else task.score(model)), descent
+                error = excess if task.score is None else task.score(model)
+                return Result(model, certificate, fitted, excess, error), descent
             frame = replace(frame, demand=replace(frame.demand, delta=10 * frame.demand.delta))
             again = frame.start(fitted, task.left())
             descent = descend(frame.inequality, frame.fit, again, time_limit=task.left())
         return None, descent
     except np.linalg.LinAlgError:
-        from persid.barrier import Stop
-
         return None, Descent(Stop.STALLED, None, np.inf, 0, ())
 
 
 def certificate_of(task: Task, frame: Frame, model: PersidskiiModel, point: Point) -> Certificate | None:
-    """Return the certificate of a model, made of its own multipliers about its own equilibrium, once the checker accepts it."""
+    """Return the certificate of a model, made of its own multipliers, once the checker accepts it; else None."""
     anchor = None if frame.anchor is None else prove(model, frame.anchor, model.u_ref)
     points = (anchor,) if anchor is not None else find_operating_point(model)[:1]
     for equilibrium in points:
