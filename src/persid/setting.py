@@ -41,7 +41,8 @@ class Setting:
         pools, upper, below = {}, {}, {}
         for curve in dict.fromkeys(group.curve for group in found):
             rising, alone = nondecreasing_pool(curve), axes(curve)
-            listed = list(dict.fromkeys([*rising, *pool(curve), *alone]))
+            # a group whose functions all have zero columns takes no part: it has no forms, and so no constants
+            listed = list(dict.fromkeys([*rising, *pool(curve), *alone])) if curve.functions else []
             forms = np.array(listed).reshape(-1, curve.size)
             pools[curve] = forms
             simple = np.array([form in alone for form in listed], bool)
