@@ -225,7 +225,7 @@ def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
         L = np.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:
         raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
-    T = sla.solve_triangular(L, np.eye(size), lower=True)
+    T = sla.lapack.dtrtri(L, lower=1)[0]
     condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
     bits = int(np.clip(np.ceil(np.log2(10 * size * condition)), 12, 50))
     shifts = [int(e) for e in exponents - exponents.min()]

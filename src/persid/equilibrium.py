@@ -99,8 +99,6 @@ def _box(model: PersidskiiModel) -> ndarray:
 
 
 def _starts(model: PersidskiiModel, centre: ndarray, count: int, seed: int) -> ndarray:
-    from scipy.stats import qmc
-
     box = _box(model)
     middle, half = box.mean(axis=1), np.diff(box, axis=1)[:, 0] / 2
     cube = qmc.Sobol(model.n, seed=seed).random(2 ** int(np.ceil(np.log2(count))))[:count] * 2 - 1

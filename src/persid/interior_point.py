@@ -422,22 +422,17 @@ def _to_boundary(M: ndarray, dM: ndarray) -> float:
     """Return the largest a with M + a dM >= 0, to a few percent, by Lanczos on L^-1 dM L^-T (M = L L')."""
     if not len(M):
         return np.inf
-    L = np.linalg.cholesky(M)
-    if len(M) <= 64:
-        half = sla.solve_triangular(L, dM, lower=True)
-        smallest = float(sla.eigvalsh(sla.solve_triangular(L, half.T, lower=True))[0])
-    else:
-        smallest = _lanczos_smallest(L, dM)
-    return -1 / smallest if smallest < 0 else np.inf
+    inverse = sla.lapack.dtrtri(np.linalg.cholesky(M), lower=1)[0]  # trtrs would start threads at every size
+    smallest = np.linalg.eigvalsh(inverse @ dM @ inverse.T)[0] if len(M) <= 64 else _lanczos_smallest(inverse, dM)
+    return -1 / float(smallest) if smallest < 0 else np.inf
 
 
-def _lanczos_smallest(L: ndarray, dM: ndarray, steps: int = 30) -> float:
+def _lanczos_smallest(inverse: ndarray, dM: ndarray, steps: int = 30) -> float:
     """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
-    v = np.random.default_rng(0).normal(size=len(L))
+    v = np.random.default_rng(0).normal(size=len(dM))
     basis, alphas, betas = [v / np.linalg.norm(v)], [], []
     for step in range(steps):
-        w = sla.solve_triangular(L, basis[-1], lower=True, trans="T", check_finite=False)
-        w = sla.solve_triangular(L, dM @ w, lower=True, check_finite=False)
+        w = inverse @ (dM @ (inverse.T @ basis[-1]))
         alphas.append(float(w @ basis[-1]))
         Q = np.array(basis)
         w -= Q.T @ (Q @ w)
