@@ -60,7 +60,7 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
 }
 UNDER = "fitted under the certificate"
 FIT_LIMIT = 60.0  # s for each fit under the certificate
-STRENGTHS = (1e-5, 1e-4, 1e-3, 0.005, 0.02, 0.05, 0.2, 0.5, 1.0)
+STRENGTHS = (1e-5, 1e-3, 0.005, 0.02, 0.05, 0.2, 0.5)
 QUICK = (COORDINATES, "weak form, ridge 1e-05", "weak form, ridge 0.02", DEFAULT)
 
 
