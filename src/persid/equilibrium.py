@@ -101,7 +101,7 @@ def _box(model: PersidskiiModel) -> ndarray:
 def _starts(model: PersidskiiModel, centre: ndarray, count: int, seed: int) -> ndarray:
     box = _box(model)
     middle, half = box.mean(axis=1), np.diff(box, axis=1)[:, 0] / 2
-    cube = qmc.Sobol(model.n, seed=seed).random(2 ** int(np.ceil(np.log2(count))))[:count] * 2 - 1
+    cube = np.random.default_rng(seed).uniform(-1, 1, (count, model.n))
     near, far = middle + half * cube[: count // 2], middle + REACH * half * cube[count // 2 :]
     return np.vstack([centre, model.x_ref, near, far])
 
