@@ -1,0 +1,39 @@
+"""Obstructions: a proof that a family holds no certificate, accepted by the checker, and what it does not say."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.certify import Reason
+
+CROSS = [[0.0, -2.0], [-2.0, 0.0]]
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_proved_reason(tmp_path: Path) -> None:
+    """Two states that push each other by relu have no certificate in the family, by proof; that refutes nothing."""
+    verdict = ps.certify(ps.PersidskiiModel(-np.eye(2), [("relu(x)", None, CROSS)], np.eye(2)))
+    assert isinstance(verdict, ps.Undecided)
+    assert verdict.reason is Reason.INFEASIBLE
+    assert verdict.obstruction is not None
+    assert "does not refute" in verdict.obstruction.statement
+    verdict.obstruction.save(tmp_path / "o.json")
+    answer = ps.check(tmp_path / "o.json")
+    assert isinstance(answer, ps.Accepted)
+    assert answer.claim == "infeasible"
+    content = verdict.obstruction.content
+    content["L"] = [[-v for v in row] if i else row for i, row in enumerate(content["L"])]
+    (tmp_path / "o.json").write_text(json.dumps(content), encoding="utf-8")
+    assert not isinstance(ps.check(tmp_path / "o.json"), ps.Accepted)
+
+
+def test_not_a_certificate(tmp_path: Path) -> None:
+    """The file of an obstruction cannot be loaded as a certificate."""
+    verdict = ps.certify(ps.PersidskiiModel([[-1.0, 3.0], [3.0, -1.0]], [], [[1.0], [1.0]]))
+    assert isinstance(verdict, ps.Refuted)
+    verdict.witness.save(tmp_path / "w.json")
+    with pytest.raises(ps.PersidError, match="does not accept"):
+        ps.load_certificate(tmp_path / "w.json")
