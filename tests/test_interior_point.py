@@ -178,7 +178,7 @@ def test_start_is_strictly_feasible_where_the_given_dual_matrix_is_not() -> None
     problem = random_assembly(2).problem
     free = problem.cost == 0
     free[: problem.free] = False
-    X = problem.X + 0.02 * np.eye(problem.order) * np.trace(problem.X)
+    X = problem.X + 0.5 * np.eye(problem.order) * np.trace(problem.X)
     assert (pairings(problem, X)[free] <= 0).any(), "the example must violate a product"
     white, _ = whitened(replace(problem, X=X))
     assert (pairings(white, white.X)[free] > 0).all()
