@@ -40,6 +40,7 @@ checking summary folder
 plots
 report
 talk options signals
+studies
 cli
 """
 DEFERRED = {("trajectories", "readers")}  # Trajectories.from_dataframe asks the reader, when it is called

@@ -12,6 +12,7 @@ import click
 
 from persid.errors import DataError, ModelError, PersidError
 from persid.options import FILE, MEASUREMENTS, NEW_FILE, NEW_FOLDER, fitting, proving, reading, simulating, talking
+from persid.studies.command import study
 from persid.talk import Talk, complain
 
 if TYPE_CHECKING:
@@ -75,6 +76,9 @@ def run(
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
+    Where the free fit is not certified for all states, it is fitted again under the condition that a certificate
+    exists, and both fits are reported side by side; not with --domain data, --operating-point or --u-op.
+
     Several files are several trajectories of one system. The folder receives model.json, certificate.json (or
     witness.json, or obstruction.json: why undecided), report.html, figures/ and run.json; older results there are
     removed. The exit code is that of the verdict.
@@ -85,7 +89,8 @@ def run(
     """
     from persid import folder
     from persid.certify import certify
-    from persid.summary import summarize
+    from persid.constrained import Delivery, deliver
+    from persid.summary import comparison_rows, summarize
 
     talk = Talk(as_json, quiet)
     _writable(output)
@@ -96,14 +101,21 @@ def run(
         fit = _identify(measured, functions, ridge)
         question = _question(operating_point, u_op, domain, time_limit)
         verdict = _uninterrupted(certify(fit.model_, progress=progress, **question))
-        record = folder.Record(_command(), folder.sources(data), how, fit.report_, verdict.attempts, folder.versions())
+        made = Delivery(fit.model_, verdict)
+        if domain == "global" and operating_point is None and u_op is None:
+            made = deliver(fit, verdict, measured, time_limit=time_limit, progress=progress)
+        verdict = made.verdict
+        record = folder.Record(
+            _command(), folder.sources(data), how, fit.report_, verdict.attempts, folder.versions(), made.comparison
+        )
         progress("drawing the report")
-        proof = _deliver(output, folder.Results(fit.model_, verdict, measured, record))
+        proof = _deliver(output, folder.Results(made.model, verdict, measured, record))
     brief = summarize(verdict)
     files = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
-    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *_verdict_rows(verdict)]
-    rows += [(name, str(path)) for name, path in files.items() if name != "model"]
-    talk.result(brief.to_dict() | {"files": {name: str(path) for name, path in files.items()}}, rows)
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
+    rows += [*_verdict_rows(verdict), *((name, str(path)) for name, path in files.items() if name != "model")]
+    fits = {"fits": None if made.comparison is None else made.comparison["fits"]}
+    talk.result(brief.to_dict() | fits | {"files": {name: str(path) for name, path in files.items()}}, rows)
     return EXIT[brief.verdict]
 
 
@@ -271,6 +283,9 @@ def report(folder: Path, as_json: bool, quiet: bool) -> int:
             write_report(results, stage)
     talk.result({"report": str(folder / REPORT)}, [*_verdict_rows(results.verdict), ("report", str(folder / REPORT))])
     return DONE
+
+
+persid.add_command(study)
 
 
 def _question(operating_point: Any, u_op: Any, domain: str, time_limit: float) -> dict[str, Any]:
