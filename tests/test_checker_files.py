@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from checker import named
 from checker.falsehoods import FALSEHOODS
-from checker.maker import Wanted, data, make, model
+from checker.maker import Wanted, data, dyadic, file, make, model
 from persid_check import Accepted, Rejected, check, model_sha256
 
 SOURCES = Path(__file__).parent.parent / "src"
@@ -63,6 +64,63 @@ def test_another_model_is_noticed(tmp_path: Path) -> None:
     same.write_bytes(data(named.OFFSET))
     assert isinstance(check(named.VALID / "g_ball.json", other), Rejected)
     assert isinstance(check(named.VALID / "g_ball.json", same), Accepted)
+
+
+def _identity(size: int) -> list[list[int]]:
+    return [[int(i == j) for j in range(i + 1)] for i in range(size)]
+
+
+def test_infeasible_speaks_of_no_density_but_the_forms_in_the_file() -> None:
+    """Diagonal P alone fails and diagonal P with the density y of the row (1, 1) succeeds: both are told apart."""
+    sheared = model([("tanh(x)", [[1, 1]], [[0], [0]])], [[0.125, 1], [-1, -1]], n=2)
+    without = file(
+        sheared, "infeasible", family="diagonal", groups=[{"forms": []}], L=[[-2, 6], [1, 0], [0, 0]], proof={}
+    )
+    result = check(data(without))
+    assert isinstance(result, Accepted), result
+    assert "Lyapunov densities of the 0 forms in the file and with in-group products of these forms and y" in (
+        result.statement
+    )
+    assert isinstance(check(data(make(Wanted(sheared, [[(1, 0)]], dropped=(2,))))), Accepted)
+
+
+def test_a_box_is_not_stated_larger_than_it_is() -> None:
+    """Sides that are rounded or left out of the sentence are marked: the claim holds in the file's box only."""
+    n, half = 13, dyadic(1 - Fraction(1, 2**30))
+    decay = model([], [[-float(i == j) for j in range(n)] for i in range(n)], [[0.0]] * n, n=n)
+    regional = file(
+        decay, "R", operating_point=None, P={"diagonal": [[1, 0]] * n}, groups=[], dropped=[], gamma=[1, 0],
+        kappa=[1, 0], p=[1, -1], box=[[[-half[0], half[1]], half]] * n, level=[1, -1], input_bound=[1, -1],
+        proof={"P": _identity(n), "Q": _identity(n + 1)},
+    )  # fmt: skip
+    result = check(data(regional))
+    assert isinstance(result, Accepted), result
+    assert "[~-1.00000, ~0.999999], ... (13 sides) with" in result.statement
+
+
+def _unstable(function: str, name: str = "x1") -> bytes:
+    growing = model([(function, None, [[1]])]) | {"states": [name]}
+    witness = {
+        "kind": "unstable-equilibrium", "point": {"x": [[0, 0]], "radius": [0, 0]}, "S": [[[1, 0]]],
+        "sigma": [0, 0], "direction": [[1, 0]], "T": [[1]],
+    }  # fmt: skip
+    return data(file(growing, "refuted", u=[[0, 0]], witness=witness))
+
+
+def test_names_in_a_sentence_are_quoted() -> None:
+    """A state may be named like a claim; within quotation marks it cannot be taken for one."""
+    name = "x (1) is globally input-to-state stable. The model with states y"
+    result = check(_unstable("sinh(x)", name))
+    assert isinstance(result, Accepted), result
+    assert result.statement.startswith(f"The model with states {name!r} (1)")
+
+
+def test_a_jacobian_of_immense_numbers_is_refused_at_once() -> None:
+    """A slope of 2^(64^6) at 0 is not written out as an integer."""
+    immense = "x*(" + "(" * 6 + "2" + "**64)" * 6 + ")"
+    start = time.perf_counter()
+    assert isinstance(check(_unstable(immense)), Rejected)
+    assert time.perf_counter() - start < 5
 
 
 def _run(arguments: list[str], *options: str) -> subprocess.CompletedProcess[str]:

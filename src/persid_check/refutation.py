@@ -6,7 +6,7 @@ from fractions import Fraction
 from persid_check import sentences
 from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
-from persid_check.exact import Matrix, diagonal, is_positive_definite, matrix
+from persid_check.exact import MAX_EXPONENT, Matrix, diagonal, is_positive_definite, matrix
 from persid_check.expression import Program
 from persid_check.format import Refutation
 from persid_check.model import Channel
@@ -89,6 +89,8 @@ def _lower_bound(S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[S
 
 def _exact(number) -> Fraction:  # type: ignore[no-untyped-def]
     mantissa, exponent = number.man_exp()
+    if abs(int(exponent)) > MAX_EXPONENT:
+        raise NotProvedError("witness.point", "an entry of the Jacobian is too large or needs too many binary places")
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
 
 

@@ -33,17 +33,22 @@ def _quotient(value: Fraction, up: bool, digits: int) -> Decimal:
 
 
 def _vector(values: Sequence[Fraction]) -> str:
+    """A vector, cut short and said so."""
+    return f"({_numbers(values[:SHOWN])}{', ...' if len(values) > SHOWN else ''})"
+
+
+def _numbers(values: Sequence[Fraction]) -> str:
     """Numbers to six digits, marked where they are rounded."""
     shown = []
-    for value in values[:SHOWN]:
+    for value in values:
         low, high = decimal(value, up=False), decimal(value)
         shown.append(low if low == high else f"~{low}")
-    return f"({', '.join(shown)}{', ...' if len(values) > SHOWN else ''})"
+    return ", ".join(shown)
 
 
 def _model(subject: Subject) -> str:
     model = subject.model
-    names = ", ".join(model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
+    names = ", ".join(repr(name) for name in model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
     return f"The model with states {names} ({model.n}), {model.m} inputs and SHA-256 {subject.sha256}"
 
 
@@ -81,10 +86,11 @@ def _estimate(claim: Stability) -> list[str]:
     bound = f"|x(t) - x*| <= {root(1 / claim.p)} sqrt(V(x(0))) exp(-{rate} t) + {gain} {offset} for all t >= 0"
     if claim.subject.claim == "E":
         return [f"{bound}."]
-    sides = ", ".join(f"[{decimal(lo, up=False)}, {decimal(hi)}]" for lo, hi in claim.box[:SHOWN])
+    sides = ", ".join(f"[{_numbers(side)}]" for side in claim.box[:SHOWN])
+    sides += f", ... ({len(claim.box)} sides)" if len(claim.box) > SHOWN else ""
     shrunk = " less the ball's radius at each side" if claim.point is not None and claim.point.radius else ""
     return [
-        f"The set of x in the box {sides}{shrunk} with V(x) <= {decimal(claim.level, up=False)} is invariant for"
+        f"The set of x in the box {sides}{shrunk} with V(x) <= {_numbers((claim.level,))} is invariant for"
         f" inputs with sup|u - u*| <= {decimal(claim.input_bound, up=False)}, and from every x(0) in it {bound}."
     ]
 
@@ -135,8 +141,8 @@ def _group_steps(claim: Stability, setting: Setting) -> list[str]:
         return []
     model = claim.subject.model
     functions = ", ".join(_channel(model.channels[c].text, alpha) for c, alpha in setting.group.members)
-    row = " + ".join(f"{decimal(r)} {model.states[i]}" for i, r in list(setting.group.row.items())[:SHOWN])
-    where = "R" if setting.domain is None else f"[{decimal(setting.domain[0])}, {decimal(setting.domain[1])}]"
+    row = " + ".join(f"{_numbers((r,))} {model.states[i]!r}" for i, r in list(setting.group.row.items())[:SHOWN])
+    where = "R" if setting.domain is None else f"[{_numbers(setting.domain)}]"
     shift = "" if setting.shift is None else f", shifted by y* = {_vector(setting.shift[:1])}"
     forms = "; ".join(_form(setting, k) for k in used)
     return [f"Group {setting.index}, y = {row or '0'}, phi = (y, {functions}){shift}, proved on {where}: {forms}."]
@@ -161,8 +167,8 @@ def infeasibility(claim: Infeasibility) -> str:
     count = sum(len(proof.forms) for proof in claim.groups)
     P = "P >= 0" if claim.full else "a diagonal P >= 0 (diagonal P only)"
     return (
-        f"{_model(claim.subject)} has no certificate of claim G, M or E with {P} and with Lyapunov densities and"
-        f" in-group products of the {count} forms in the file (and y). This does not refute stability."
+        f"{_model(claim.subject)} has no certificate of claim G, M or E with {P}, with Lyapunov densities of the"
+        f" {count} forms in the file and with in-group products of these forms and y. This does not refute stability."
     )
 
 
