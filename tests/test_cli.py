@@ -20,6 +20,7 @@ from persid import certify as _  # noqa: F401  (the module is loaded, so that th
 from persid import cli, folder, talk
 from persid.certificate import _decimal
 from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
+from persid.constrained import Delivery
 
 ROOT = Path(__file__).resolve().parents[1]
 TRAFFIC = ROOT / "examples" / "traffic.csv"
@@ -43,11 +44,17 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def free_fit_only(fit: Any, verdict: Any, *more: Any, **how: Any) -> Delivery:
+    """Deliver the free fit, where a test is about a verdict that a fit under the certificate would avoid."""
+    return Delivery(fit.model_, verdict)
+
+
 @pytest.fixture
 def undecided(monkeypatch: pytest.MonkeyPatch) -> Undecided:
-    """Certification that is quick and always undecided."""
+    """Certification that is quick and always undecided, for a fit under the certificate too."""
     verdict = Undecided(Reason.STALLED, "Try more ridge.", (Attempt("a look", "stalled", 0.5),))
     monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
+    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
     return verdict
 
 
@@ -212,6 +219,7 @@ def test_run_refuted(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     verdict = ps.certify(ps.load_model("unstable.json"))
     assert isinstance(verdict, Refuted)
     monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
+    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
     monkeypatch.setattr(cli, "_identify", _identified("unstable.json"))
     assert cli.main(RUN) == 1
     assert "witness.json" in files(here / "out")
@@ -236,6 +244,7 @@ def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     obstruction = ps.Obstruction(data, ps.check(VALID / "infeasible_full.json").statement)  # type: ignore[union-attr]
     verdict = Undecided(Reason.INFEASIBLE, "", (), obstruction)
     monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
+    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
     monkeypatch.setattr(cli, "_identify", _identified("m.json"))
     (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
     words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]

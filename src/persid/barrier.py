@@ -35,8 +35,9 @@ BLOCK = 64  # rows of the Hessian made at once: what they gather from stays in t
 SHRINK = 0.2  # of the barrier's weight from one centre to the next
 NEAR = 1.0  # Newton decrement, in units of the barrier's weight, at which a centre is near enough
 PATIENCE = 12  # steps towards one centre before the next is aimed at all the same
-LAST_PATIENCE = 40  # steps towards the last centre
+LAST_PATIENCE = 80  # steps towards the last centre
 SHARES = (1.0, 0.5, 0.0)  # of the bilinear block that are tried in the Hessian
+SHORT = 0.3  # length of a joint step below which model and Lyapunov function also move one at a time
 SHORTEST = 1e-8  # a step length below which a search along the Newton direction gives up
 HOLD = 1.0  # weight of |F|^2 / 2 in the barrier: models whose coefficients the data do not hold stay near the others
 SEEK = 10.0  # weight of the slack, in units of the fit's, when a feasible point is first sought
@@ -186,8 +187,10 @@ def descend(
         moved = _step(inequality, fit, state, aim, seeking)
         count += 1
         if moved is not None:
-            state, decrement = moved
+            state, decrement, length = moved
         near = moved is None or decrement < NEAR
+        if not near and length < SHORT:
+            state, count = _by_blocks(inequality, fit, state, aim, seeking), count + 2
         if seeking and state.point.slack <= 0:
             log.append(f"{count:3d}  feasible, fit {fit(state.point.w):.4g}")
             state = _State.at(inequality, Point(state.point.w, state.point.y)) or state
@@ -257,8 +260,20 @@ class _State:
         return cls(point, F, D, L, P, 0.5 * HOLD * float((F**2).sum()) - float(logarithms))
 
 
-def _step(inequality: Inequality, fit: Fit, state: _State, aim: Aim, seeking: bool) -> tuple[_State, float] | None:
-    """Take one damped Newton step for pull f + beta barrier (+ slack); return the state and the decrement over beta."""
+def _by_blocks(inequality: Inequality, fit: Fit, state: "_State", aim: Aim, seeking: bool) -> "_State":
+    """Move the model with V held, then V with the model held: each a convex problem, whatever the joint one is."""
+    K = inequality.coefficients
+    numbers = K + np.unique(inequality.gradient.owner)
+    for frozen in (numbers, np.arange(K)):
+        moved = _step(inequality, fit, state, aim, seeking, frozen)
+        state = state if moved is None else moved[0]
+    return state
+
+
+def _step(
+    inequality: Inequality, fit: Fit, state: "_State", aim: Aim, seeking: bool, frozen: ndarray | None = None
+) -> "tuple[_State, float, float] | None":
+    """Take one damped Newton step for pull f + beta barrier (+ slack): state, decrement over beta, length."""
     K, point, beta, pull = inequality.coefficients, state.point, aim.beta, aim.pull
     g, Gauss, bilinear = _derivatives(inequality, state)
     g *= beta
@@ -268,8 +283,11 @@ def _step(inequality: Inequality, fit: Fit, state: _State, aim: Aim, seeking: bo
     c = np.concatenate([np.zeros(K), inequality.cost])
     if seeking:
         g, H, c = _with_slack(inequality, state, g, H, c, beta)
+    if frozen is not None:
+        g[frozen], c[frozen], H[frozen], H[:, frozen] = 0.0, 0.0, 0.0, 0.0
+        H[frozen, frozen] = 1.0
     solver = None
-    for share in SHARES:
+    for share in SHARES if frozen is None else (0.0,):
         solver = _factor(H, beta * share * bilinear, K)
         if solver is not None:
             break
@@ -279,10 +297,11 @@ def _step(inequality: Inequality, fit: Fit, state: _State, aim: Aim, seeking: bo
     slope = float(g @ d)
     if not slope < 0:
         return None
-    bend = _bend(inequality, state, d, beta, seeking)
-    second = _keeping(solver, bend, c)
-    following = _search(inequality, fit, state, d, second, slope, beta, pull, seeking)
-    return None if following is None else (following, -slope / beta)
+    second = np.zeros(len(d))
+    if frozen is None:
+        second = _keeping(solver, _bend(inequality, state, d, beta, seeking), c)
+    found = _search(inequality, fit, state, d, second, slope, beta, pull, seeking)
+    return None if found is None else (found[0], -slope / beta, found[1])
 
 
 def _factor(H: ndarray, bilinear: ndarray, K: int) -> Callable[[ndarray], ndarray] | None:
@@ -303,7 +322,10 @@ def _factor(H: ndarray, bilinear: ndarray, K: int) -> Callable[[ndarray], ndarra
 
 def _keeping(solver: Callable[[ndarray], ndarray], g: ndarray, c: ndarray) -> ndarray:
     """Return the minimiser d of g'd + d'H d / 2 with c'd = 0."""
-    a, b = solver(g), solver(c)
+    a = solver(g)
+    if not c.any():
+        return -a
+    b = solver(c)
     return -a + b * (c @ a) / (c @ b)
 
 
@@ -327,8 +349,8 @@ def _search(
     beta: float,
     pull: float,
     seeking: bool,
-) -> _State | None:
-    """Return the first point on the arc a d + a^2 second that is strictly inside and descends (Armijo)."""
+) -> tuple[_State, float] | None:
+    """Return the first point on the arc a d + a^2 second that is strictly inside and descends (Armijo), and a."""
     K, J, point = inequality.coefficients, len(inequality.cost), state.point
     falling = d[K : K + J] < 0
     falling[: inequality.free] = False
@@ -341,7 +363,7 @@ def _search(
         if following is not None:
             value = pull * fit(moved.w) + beta * following.barrier + moved.slack * seeking
             if value <= here + 0.1 * a * slope + 1e-12 * abs(here):
-                return following
+                return following, a
         a *= 0.6
     return None
 

@@ -101,21 +101,18 @@ def run(
         fit = _identify(measured, functions, ridge)
         question = _question(operating_point, u_op, domain, time_limit)
         verdict = _uninterrupted(certify(fit.model_, progress=progress, **question))
-        made = Delivery(fit.model_, verdict)
-        if domain == "global" and operating_point is None and u_op is None:
-            made = deliver(fit, verdict, measured, time_limit=time_limit, progress=progress)
-        verdict = made.verdict
-        record = folder.Record(
-            _command(), folder.sources(data), how, fit.report_, verdict.attempts, folder.versions(), made.comparison
-        )
+        asked = domain != "global" or operating_point is not None or u_op is not None
+        made = Delivery(fit.model_, verdict) if asked else deliver(fit, verdict, measured, time_limit, progress)
+        verdict, facts = made.verdict, (made.verdict.attempts, folder.versions(), made.comparison)
+        record = folder.Record(_command(), folder.sources(data), how, fit.report_, *facts)
         progress("drawing the report")
         proof = _deliver(output, folder.Results(made.model, verdict, measured, record))
     brief = summarize(verdict)
-    files = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
+    paths = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
+    files = {name: str(path) for name, path in paths.items()}
     rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
-    rows += [*_verdict_rows(verdict), *((name, str(path)) for name, path in files.items() if name != "model")]
-    fits = {"fits": None if made.comparison is None else made.comparison["fits"]}
-    talk.result(brief.to_dict() | fits | {"files": {name: str(path) for name, path in files.items()}}, rows)
+    rows += [*_verdict_rows(verdict), *list(files.items())[1:]]
+    talk.result(brief.to_dict() | {"fits": (made.comparison or {}).get("fits"), "files": files}, rows)
     return EXIT[brief.verdict]
 
 

@@ -101,6 +101,59 @@ def _candidate_text(row: Candidate) -> str:
     return f"  {', '.join(row.functions)}; ridge {row.ridge:.1e}: {end}, {row.seconds:.1f} s"
 
 
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """What a run delivers: a model with its verdict, and the comparison of both fits where there were two."""
+
+    model: PersidskiiModel
+    verdict: Verdict
+    comparison: dict[str, Any] | None = None
+
+
+def deliver(
+    free: Any,
+    verdict: Verdict,
+    data: Trajectories,
+    time_limit: float = 60.0,
+    progress: Callable[[str], None] | None = None,
+) -> Delivery:
+    """Keep a free fit that is certified globally; else deliver a fit under the certificate where one is found."""
+    if isinstance(verdict, Certified) and verdict.certificate.scope == "global":
+        return Delivery(free.model_, verdict)
+    fit = CertifiedIdentifier(free, time_limit=max(time_limit, 1e-3), progress=progress).fit(data)
+    found = fit.verdict_.is_certified
+    return Delivery(
+        fit.model_ if found else free.model_,
+        fit.verdict_ if found else verdict,
+        _comparison(fit.report_, type(verdict).__name__.lower()),
+    )
+
+
+def _comparison(report: CertifiedReport, verdict: str) -> dict[str, Any]:
+    """Return both fits side by side in plain numbers, as `run.json` keeps them."""
+    scores = (("free", report.free, verdict), ("under the certificate", report.certified, "certified"))
+    fits = [
+        {"name": name, "verdict": word, "rmse": s.rmse, "r2": list(s.r2_states), "blow_ups": s.blow_ups}
+        for name, s, word in scores
+        if s is not None
+    ]
+    history = [
+        {
+            "start": line.start,
+            "certified": line.certified,
+            "excess": line.excess,
+            "seconds": line.seconds,
+            "stop": line.stop,
+        }
+        for line in report.history
+    ]
+    table = [
+        {"functions": list(row.functions), "ridge": row.ridge, "feasible": row.feasible, "error": row.error}
+        for row in report.table
+    ]
+    return {"fits": fits, "price": report.price, "stop": report.stop, "history": history, "candidates": table}
+
+
 class CertifiedIdentifier(BaseEstimator):
     """Fit a model under the condition that its input-to-state stability has a proof that the checker accepts.
 

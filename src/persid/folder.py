@@ -49,7 +49,10 @@ class Source:
 
 @dataclass(frozen=True)
 class Record:
-    """How the results of a run came about. `reading` holds the options of `read_csv`."""
+    """How the results of a run came about. `reading` holds the options of `read_csv`.
+
+    `comparison` sets the free fit and the one under the certificate side by side, where both were made.
+    """
 
     command: str
     sources: tuple[Source, ...]
@@ -57,6 +60,7 @@ class Record:
     fit: FitReport | None
     attempts: tuple[Attempt, ...]
     versions: Mapping[str, str]
+    comparison: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +257,7 @@ def _read_record(path: Path) -> Record:
             fit=None if content["fit"] is None else _fit_report(content["fit"]),
             attempts=tuple(Attempt(**attempt) for attempt in content["attempts"]),
             versions=content["versions"],
+            comparison=content.get("comparison"),
         )
     except (KeyError, TypeError) as error:
         raise FolderError(f"{path}: not the record of a run: {error}") from None

@@ -109,3 +109,14 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
     if verdict.certificate.scope == "regional":
         found.append("It says nothing about starts outside the region.")
     return tuple(found)
+
+
+def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
+    """Return the free fit and the one under the certificate side by side, as rows of a table; none without two fits."""
+    rows = []
+    for fit in comparison["fits"] if comparison else ():
+        blown = f", {fit['blow_ups']} runs blow up" if fit["blow_ups"] else ""
+        rows.append((f"fit {fit['name']}", f"{fit['verdict']}; free run RMSE {fit['rmse']:.4g}{blown}"))
+    if comparison and comparison["price"] is not None:
+        rows.append(("price", f"the certified model's RMSE is {comparison['price']:.3f} times the free one's"))
+    return rows
