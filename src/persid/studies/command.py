@@ -14,7 +14,7 @@ DONE, INTERRUPTED = 0, 130
 @click.command()
 @click.argument("name", type=click.Choice(STUDIES), metavar="|".join(STUDIES))
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
-@click.option("--seeds", type=click.IntRange(min=1), help="Repetitions with other random data (wave; 5 by default).")
+@click.option("--seeds", type=click.IntRange(min=1), help="Repetitions with other random data (wave; 3 by default).")
 @click.option("--quick", is_flag=True, help="Smaller sizes: all three studies in under a minute.")
 @talking
 def study(name: str, output: Path, seeds: int | None, quick: bool, as_json: bool, quiet: bool) -> int:

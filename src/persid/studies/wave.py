@@ -30,8 +30,8 @@ from persid.studies.tables import Study, Table, number, protocol, spread
 REVISION = 1  # raised with every change of what is computed: parts of other revisions are not reused
 
 DT, STEPS, SUBSTEPS = 0.03, 100, 20
-SEEDS = 5
-TIME_LIMIT = 60.0  # s for the verdict on a model
+SEEDS = 3
+TIME_LIMIT = 30.0  # s for the verdict on a model
 PLAIN = ("x", "x**3", "sinh(x)", "tanh(x)")
 TRANSLATED = ("x", "x**3", "tanh(x)", "tanh(x - 1)", "tanh(x + 1)", "tanh(x - 2)", "tanh(x + 2)")
 RIDGES = {"gps": (1e-4, 1e-2, 0.1), "one step": (1e-2, 1.0, 100.0, 1e4), "poly": (100.0, 1e4)}
@@ -325,4 +325,15 @@ def _drawing(cells: Mapping[str, Any], size: Size) -> Drawing:
     )
 
 
-REMARKS: tuple[str, ...] = ()
+REMARKS = (
+    "That GPS is seven times better than every baseline did not reproduce. With the ridge tuned on separate runs the "
+    "full GPS and ARX(2, 2) have errors of the same size, near the paper's figure for GPS where the seed is kind; the "
+    "paper's own figures for the baselines look untuned.",
+    "On the paper's run the error of the full GPS and of ARX changes by an order of magnitude from seed to seed. Its "
+    "initial profile has a slope at the ends, which the boundary condition forbids and no run of the fit has.",
+    "Fitted to the paper's run alone, 100 samples against 402 unknowns in an equation, models reproduce that run; "
+    "this says nothing about another one.",
+    "Odd functions about 0 cannot represent cos 2x and x squared; translated functions lower the held-out error of the "
+    "shared model. Sharing coefficients along the chain is wrong at its two ends, where the Neumann condition has "
+    "another stencil, so that shared models stay behind the full one here.",
+)
