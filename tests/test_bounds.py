@@ -33,7 +33,7 @@ def test_never_exceeded(certificates: dict[str, ps.Certificate], name: str) -> N
     n = found.model.n
     starts = found.operating_point + np.vstack([np.zeros(n), np.eye(n), -3 * np.eye(n)])
     assert found.rate is not None
-    largest, ratio = worst_ratio(found, starts, 1.0, T=6 / found.rate, steps=600)
+    largest, ratio = worst_ratio(found, starts, 1.0, T=6 / found.rate, steps=240)
     assert 0.3 < largest <= 1
     assert 1 <= ratio < 2.5
 

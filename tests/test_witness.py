@@ -20,7 +20,7 @@ TRUE: dict[str, dict[str, Any]] = {
     },
     "unstable-linear-part": {"A0": [[1.0]], "terms": [("sin(x)", None, [[1.0]])], "B": [[1.0]], "b": [0.3]},
     "cooperative-growth": {"A0": [[-1.0]], "terms": [("x**3", None, [[1.0]])], "B": [[1.0]]},
-    "invariant-line": {"A0": [[-1.0, 0.0], [0.0, -1.0]], "terms": [("x**3", None, [[1.0, 0.0], [0.0, -1.0]])],
+    "invariant-line": {"A0": [[-1.0, 0.0], [0.0, -1.0]], "terms": [("x**3", None, np.eye(2))],
                        "B": [[1.0], [1.0]]},
 }  # fmt: skip
 MAKERS = {make.__name__[1:].replace("_", "-"): make for make in _KINDS}
@@ -57,13 +57,9 @@ def test_not_found_where_false(kind: str, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_direction_without_input(monkeypatch: pytest.MonkeyPatch) -> None:
     """A marginal direction that no input reaches, or along which a function is unbounded, is no witness."""
-    assert (
-        only("marginal-direction", ps.PersidskiiModel(None, [("tanh(x)", None, [[-1.0]])], [[0.0]]), monkeypatch)
-        is None
-    )
-    assert (
-        only("marginal-direction", ps.PersidskiiModel(None, [("x**3", None, [[-1.0]])], [[1.0]]), monkeypatch) is None
-    )
+    for f, B in (("tanh(x)", 0.0), ("x**3", 1.0)):
+        model = ps.PersidskiiModel(None, [(f, None, [[-1.0]])], [[B]])
+        assert only("marginal-direction", model, monkeypatch) is None
 
 
 def test_growth_by_jordan_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
