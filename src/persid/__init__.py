@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from persid.certify import Undecided as Undecided
     from persid.certify import certify as certify
     from persid.checking import check as check
+    from persid.constrained import CertifiedIdentifier as CertifiedIdentifier
     from persid.equations import equations as equations
     from persid.equilibrium import OperatingPoint as OperatingPoint
     from persid.equilibrium import find_operating_point as find_operating_point
@@ -39,6 +40,7 @@ _HOMES = {
     "persid.certificate": ("Certificate", "load_certificate"),
     "persid.certify": ("Certified", "Refuted", "Undecided", "certify"),
     "persid.checking": ("check",),
+    "persid.constrained": ("CertifiedIdentifier",),
     "persid.equations": ("equations",),
     "persid.equilibrium": ("OperatingPoint", "find_operating_point"),
     "persid.errors": ("DataError", "GeneratorError", "ModelError", "PersidError", "UnderdeterminedError"),
@@ -56,6 +58,7 @@ __all__ = [
     "Accepted",
     "Certificate",
     "Certified",
+    "CertifiedIdentifier",
     "DataError",
     "GeneratorError",
     "Malformed",
