@@ -14,6 +14,7 @@ from persid_check.results import NotProvedError
 
 MAX_EXPONENT = 5000  # of the common power of two; binary64 numbers need 1074
 MAX_WORK = 10**12  # size**3 times bits of one matrix product
+FREE_WORK = 10**6  # size**3 of a product that is small whatever its bits
 
 Number = Fraction | int | float
 
@@ -40,6 +41,9 @@ class Matrix:
         return Matrix(self.raised(k) + other.raised(k), k)
 
     def __mul__(self, other: "Matrix") -> "Matrix":
+        steps = self.height * self.width * other.width
+        if steps > FREE_WORK and steps * max(_bits(self.entries), _bits(other.entries)) > MAX_WORK:
+            raise NotProvedError("numbers", "a matrix product is too large: fewer bits or fewer entries are needed")
         return Matrix(self.entries * other.entries, self.exponent + other.exponent)
 
     def __neg__(self) -> "Matrix":
