@@ -76,12 +76,11 @@ def run(
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
-    Where the free fit is not certified for all states, it is fitted again under the condition that a certificate
-    exists, and both fits are reported side by side; not with --domain data, --operating-point or --u-op.
-
-    Several files are several trajectories of one system. The folder receives model.json, certificate.json (or
-    witness.json, or obstruction.json: why undecided), report.html, figures/ and run.json; older results there are
-    removed. The exit code is that of the verdict.
+    Several files are several trajectories of one system. Where the free fit is not certified for all states, it is
+    fitted again under the condition that a certificate exists, and both are reported side by side (not with --domain
+    data, --operating-point or --u-op). The folder receives model.json, certificate.json (or witness.json, or
+    obstruction.json: why undecided), report.html, figures/ and run.json; older results there are removed. The exit
+    code is that of the verdict.
 
     \b
     Example:
@@ -101,8 +100,8 @@ def run(
         fit = _identify(measured, functions, ridge)
         question = _question(operating_point, u_op, domain, time_limit)
         verdict = _uninterrupted(certify(fit.model_, progress=progress, **question))
-        asked = domain != "global" or operating_point is not None or u_op is not None
-        made = Delivery(fit.model_, verdict) if asked else deliver(fit, verdict, measured, time_limit, progress)
+        usual = domain == "global" and operating_point is None and u_op is None
+        made = deliver(fit, verdict, measured, time_limit, progress) if usual else Delivery(fit.model_, verdict)
         verdict, facts = made.verdict, (made.verdict.attempts, folder.versions(), made.comparison)
         record = folder.Record(_command(), folder.sources(data), how, fit.report_, *facts)
         progress("drawing the report")

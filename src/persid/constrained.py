@@ -320,7 +320,8 @@ class CertifiedIdentifier(BaseEstimator):
         best = next((line for line in certified_lines if result and line.excess == result.excess), None)
         if result is None:
             self.stop_ = "No certified model was found; model_ is the free fit, which has no certificate."
-            self.verdict_: Verdict = Undecided(Reason.INFEASIBLE, self.stop_, attempts)
+            reason = Reason.TIME if seconds >= self.time_limit else Reason.STALLED  # nothing is proved by finding none
+            self.verdict_: Verdict = Undecided(reason, self.stop_, attempts)
         else:
             self.stop_ = "" if best is None else best.stop
             self.verdict_ = Certified(result.certificate, attempts)
