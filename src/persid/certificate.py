@@ -225,11 +225,11 @@ def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
         L = np.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:
         raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
-    T = sla.lapack.dtrtri(L, lower=1)[0]
+    T: Any = sla.lapack.dtrtri(L, lower=1)[0]
     condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
     bits = int(np.clip(np.ceil(np.log2(10 * size * condition)), 12, 50))
     shifts = [int(e) for e in exponents - exponents.min()]
-    entries = np.round(np.ldexp(T, bits))
+    entries = np.round(np.ldexp(T, bits)).tolist()
     return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]
 
 
