@@ -132,6 +132,7 @@ def main() -> None:
     """Print one line a case and write benchmarks/results/speed.json."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", default=",".join(map(str, SIZES)))
+    parser.add_argument("--kinds", default="paper,forms")
     parser.add_argument("--solvers", default=",".join(SOLVERS))
     parser.add_argument("--one", nargs=3, metavar=("KIND", "N", "SOLVER"))
     options = parser.parse_args()
@@ -139,20 +140,27 @@ def main() -> None:
         return one(options.one[0], int(options.one[1]), options.one[2])
     if not (SHARED / "families.py").is_file():
         sys.exit("families.py of the shared data is not on this machine")
-    results = []
-    for kind in ("paper", "forms"):
+    for kind in options.kinds.split(","):
         for solver in options.solvers.split(","):
             for n in map(int, options.sizes.split(",")):
-                result = run(kind, n, solver)
-                results.append({"kind": kind, "n": n, "solver": solver} | result)
-                print(_line(results[-1]), flush=True)
-                path = ROOT / "benchmarks" / "results" / "speed.json"
-                path.write_text(
-                    json.dumps({"limits": [MEMORY, SECONDS], "runs": results}, indent=1) + "\n", encoding="utf-8"
-                )
-                if "seconds" not in result:
+                result = {"kind": kind, "n": n, "solver": solver} | run(kind, n, solver)
+                print(_line(result), flush=True)
+                _keep(result)
+                if result["answer"] == "time-out" or "emory" in result.get("why", ""):
                     break
     return None
+
+
+def _keep(result: dict) -> None:
+    """Put a result into the file in place of an older one, so that the table may be made in parts."""
+    path = ROOT / "benchmarks" / "results" / "speed.json"
+    path.parent.mkdir(exist_ok=True)
+    old = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.is_file() else []
+    case = ("kind", "n", "solver")
+    runs = [each for each in old if any(each[name] != result[name] for name in case)] + [result]
+    runs.sort(key=lambda each: (each["kind"], SOLVERS.index(each["solver"]), each["n"]))
+    content = {"bytes": MEMORY, "seconds": SECONDS, "runs": runs}
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _line(result: dict) -> str:
