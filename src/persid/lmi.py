@@ -169,7 +169,7 @@ class _Builder:
         """Return the code and the size of r'(G + kappa c I_x): W adds kappa c y l'phi to what V' has to outweigh."""
         upper = upper if self.target.kappa else 0.0
         support = np.flatnonzero(row)
-        if len(support) == 1:
+        if len(support) == 1 and row[support[0]] * self.units.states[support[0]] > 0:  # else mu would be negative
             i = int(support[0])
             if (i, upper) not in self.codes:
                 unit = np.zeros(self.system.n)
@@ -247,8 +247,8 @@ def _interior(system: System, units: Scaling) -> ndarray:
     for group in system.groups:
         with np.errstate(over="ignore"):
             values = group.curve.values(x @ group.row)[:, 1:]
-        z[:, [system.places[c] for c in group.channels]] = np.clip(values, -1e6, 1e6)
-    z /= units.entries
+        z[:, [system.places[c] for c in group.channels]] = values
+    z = np.clip(np.nan_to_num(z / units.entries), -1e6, 1e6)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     X = z.T @ z / count
     return X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X)
