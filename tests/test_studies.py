@@ -15,6 +15,7 @@ from persid.studies import STUDIES, bases, recorded, run_study, traffic, wave
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, spread
 
+QUICKEST = [pytest.param(name, marks=pytest.mark.slow) if name == "traffic" else name for name in STUDIES]
 MADE: dict[str, tuple[Study, Path]] = {}
 
 
@@ -40,7 +41,7 @@ ModuleWithRevision = ModuleType("nothing")
 ModuleWithRevision.REVISION = 1  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", QUICKEST)
 def test_figures_are_what_was_recorded(quick: Callable, name: str) -> None:
     """The quick version of a study finds what was recorded, errors within 10 % and verdicts exactly."""
     assert recorded.differences(quick(name)[0]) == []
@@ -61,7 +62,7 @@ def test_every_size_was_recorded_with_versions(name: str) -> None:
     assert all("numpy" in content[size]["versions"] for size in ("quick", "full"))
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", QUICKEST)
 def test_files_of_a_study(quick: Callable, name: str) -> None:
     """A study leaves tables, a page that loads nothing, and each figure as PNG and SVG."""
     study, folder = quick(name)
@@ -74,6 +75,7 @@ def test_files_of_a_study(quick: Callable, name: str) -> None:
     }
 
 
+@pytest.mark.slow
 def test_every_proof_of_the_traffic_study_checks(quick: Callable) -> None:
     """The checker accepts every certificate and witness in the folder, and there is one for every decided verdict."""
     folder = quick("traffic")[1]
@@ -82,11 +84,12 @@ def test_every_proof_of_the_traffic_study_checks(quick: Callable) -> None:
     assert all(isinstance(answer, ps.Accepted) for answer in answers)
 
 
-def test_true_traffic_system_is_not_stable(quick: Callable) -> None:
+def test_true_traffic_system_is_not_stable(tmp_path: Path) -> None:
     """The true system is refuted by two equilibria on the plane and certified in a box about one of them."""
-    figures = quick("traffic")[0].figures
-    assert figures["true system, global"] == "refuted"
-    assert figures["true system, regional"] == "certified regionally"
+    found = traffic._truth_verdicts(parts_in(tmp_path))
+    assert (found["global"]["verdict"], found["global"]["why"]) == ("refuted", "two-equilibria")
+    assert (found["regional"]["verdict"], found["regional"]["scope"]) == ("certified", "regional")
+    assert all(isinstance(ps.check(path), ps.Accepted) for path in (tmp_path / "proofs").iterdir())
 
 
 def test_true_model_is_the_system() -> None:
@@ -95,6 +98,7 @@ def test_true_model_is_the_system() -> None:
     assert traffic.true_model().rhs(x, np.array([np.sin(2.0)])) == pytest.approx(traffic.true_rate(2.0, x, np.zeros(2)))
 
 
+@pytest.mark.slow
 def test_the_papers_pattern_is_the_estimators(quick: Callable) -> None:
     """At ridge 0.02 the model of d1 is certified globally and that of d4 is not, as in the paper."""
     figures = quick("traffic")[0].figures
