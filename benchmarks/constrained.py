@@ -118,8 +118,8 @@ def pendulum(folder: Path) -> None:
     """Print the rotary pendulum, velocities estimated: two experiments to fit, the third to score."""
     files = sorted((folder / "qube").glob("*.csv"))
     data = read_csv(files, states=["theta", "alpha"], inputs=["target_theta", "target_alpha", "feedforward"])
-    for functions in (["x", "x**3", "tanh(x)"], ["x", "x**3", "sinh(x)", "tanh(x)"]):
-        compare("pendulum " + ", ".join(functions), data[:2], data[2:], functions, derivatives=1)
+    # With sinh the free model blows up so stiffly that its free run takes minutes to end.
+    compare("pendulum", data[:2], data[2:], ["x", "x**3", "tanh(x)"], derivatives=1)
 
 
 def rig(folder: Path) -> None:
@@ -128,7 +128,7 @@ def rig(folder: Path) -> None:
     cut = int(0.8 * len(data[0]))
     train, test = (Trajectories((run,), data.states, data.inputs) for run in (data[0][:cut], data[0][cut:]))
     for options in ({}, {"derivatives": 1}):
-        compare(f"rig {options or ''}", train, test, ["x", "x**3", "sinh(x)", "tanh(x)"], **options)
+        compare(f"rig {options or ''}", train, test, ["x", "x**3", "tanh(x)"], **options)
 
 
 def compare(name: str, train: Trajectories, test: Trajectories, functions: list[str], **options: int) -> None:

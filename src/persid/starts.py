@@ -1,7 +1,7 @@
 """Starts: from a Gram matrix to the best model that is certified, by descents from several starts in several frames."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,13 +128,16 @@ def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[s
         word = "full P" if full else "diagonal P"
         if everywhere:
             yield f"free fit, every equilibrium, {word}", task.frame(full, None), free
+        if full == (1 < n <= FULL_P_STATES):
+            yield from _fewer_functions(task, full, (-1,))
+        if everywhere:
             yield from _about_best(task, best, full)
         if (anchor := _anchor(task, free)) is not None:
             yield f"free fit, its equilibrium, {word}", task.frame(full, anchor), free
         if best() is not None:
             break
     full = 1 < n <= FULL_P_STATES
-    yield from _fewer_functions(task, best, full)
+    yield from _fewer_functions(task, full, range(len(gram.basis.terms)) if len(gram.basis.terms) > 1 else ())
     if best() is not None:
         return
     for ridge in (r for r in PATH if r > 3 * task.ridge):
@@ -148,15 +151,12 @@ def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[s
     yield from _about_best(task, best, full)
 
 
-def _fewer_functions(
-    task: Task, best: Callable[[], Result | None], full_P: bool
-) -> Iterator[tuple[str, Frame, Coefficients]]:
-    """Yield fits with one function only, or none: what is left out asks nothing of the certificate."""
+def _fewer_functions(task: Task, full_P: bool, kept_ones: Iterable[int]) -> Iterator[tuple[str, Frame, Coefficients]]:
+    """Yield fits with one function only, or none (-1): what is left out asks nothing of the certificate."""
     basis = task.gram.basis
     kinds = np.array([column.kind == "function" for column in basis.columns])
     terms = np.array([column.term for column in basis.columns])
-    count = len(basis.terms)
-    for kept in (-1, *(range(count) if count > 1 else ())):
+    for kept in kept_ones:
         left_out = kinds & (terms != kept)
         fixed = np.where(left_out[:, None] & np.isnan(task.fixed), 0.0, task.fixed)
         lean = replace(task, fixed=fixed)
