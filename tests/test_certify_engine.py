@@ -19,7 +19,6 @@ certify_module = importlib.import_module("persid.certify")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
-
 @pytest.fixture(autouse=True)
 def without_rates(monkeypatch: pytest.MonkeyPatch) -> None:
     """The verdict alone is tested here; rate and gain take most of the time."""
