@@ -1,4 +1,4 @@
-"""The exceptions that a caller may want to catch. Outcomes (certified, refuted, undecided) are values, not exceptions."""
+"""The exceptions that a caller may want to catch. Outcomes (certified, refuted, undecided) are values instead."""
 
 
 class PersidError(Exception):
