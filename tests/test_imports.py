@@ -28,7 +28,7 @@ identify
 baselines
 bounds
 certificate
-sector equilibrium interior_point barrier
+sector equilibrium interior_point barrier network
 system integrals
 lmi
 search proof witness
@@ -36,9 +36,11 @@ obstruction setting rates frame
 starts
 certify
 constrained
+distributed
 checking summary folder
+batches
 plots
-report
+report interop
 talk options signals
 studies
 cli
