@@ -21,6 +21,38 @@ Paths = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True)
+class _Columns:
+    """What is taken from a table: names, where the time comes from (a column, or the step dt in s), what ends a run.
+
+    Raises:
+        DataError: the question contradicts itself.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    time: str | None
+    dt: float | int | None
+    gap: float | int | None
+    missing: str
+
+    def __post_init__(self) -> None:
+        if self.missing not in ("error", "split"):
+            raise DataError(f'missing={self.missing!r}; choose "error" or "split"')
+        if self.time is not None and self.dt is not None:
+            raise DataError("both a time column and a step dt were given; give one of them")
+        if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
+            raise DataError(f"dt = {self.dt}; needed is a positive step in s")
+        if not self.states or len(set(self.names)) != len(self.names):
+            given = f"states {list(self.states)} and inputs {list(self.inputs)}"
+            raise DataError(f"{given}: at least one state, and no name twice, is needed")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states, then of the inputs."""
+        return (*self.states, *self.inputs)
+
+
+@dataclass(frozen=True)
 class _Table:
     """One table still as it was read: `label(k)` names data row k the way its owner counts."""
 
@@ -49,9 +81,8 @@ def read_csv(
         DataError: a column is missing, a cell is no finite number, times do not increase, or rows are too few; the
             message names file, row (the line of the file; the header is row 1) and column, and what to try.
     """
-    files = [paths] if isinstance(paths, str | Path) else list(paths)
-    tables = (_csv_table(Path(file), [*states, *inputs], time, dt) for file in files)
-    return _assemble(tables, list(states), list(inputs), time, dt, gap, missing)
+    columns = _Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
+    return _assemble((_csv_table(file, columns) for file in _files(paths)), columns)
 
 
 def read_parquet(
@@ -69,9 +100,12 @@ def read_parquet(
     Raises:
         DataError: as for `read_csv`.
     """
-    files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
-    tables = (_Table(str(file), _parquet_frame(file), lambda k: f"row {k + 1}") for file in files)
-    return _assemble(tables, list(states), list(inputs), time, dt, gap, missing)
+    columns = _Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
+    return _assemble((_parquet_table(file) for file in _files(paths)), columns)
+
+
+def _files(paths: Paths) -> list[Path]:
+    return [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
 
 
 def trajectories_of_frames(
@@ -89,7 +123,7 @@ def trajectories_of_frames(
     if states is None:
         taken = {*inputs, time, *(() if dt is not None else TIME_NAMES)}
         states = [str(column) for column in tables[0].frame.columns if str(column).strip() not in taken]
-    return _assemble(iter(tables), list(states), list(inputs), time, dt, np.inf, "error")
+    return _assemble(iter(tables), _Columns(tuple(states), tuple(inputs), time, dt, np.inf, "error"))
 
 
 def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int | None) -> Iterator[_Table]:
@@ -111,16 +145,16 @@ def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> _Table:
     return _Table(name, flat, lambda k: f"row {index[k]}")
 
 
-def _parquet_frame(path: Path) -> pd.DataFrame:
+def _parquet_table(path: Path) -> _Table:
     try:
-        return pd.read_parquet(path)
+        return _Table(str(path), pd.read_parquet(path), lambda k: f"row {k + 1}")
     except (OSError, ValueError, ImportError) as error:
         raise DataError(f"{path}: cannot be read as Parquet: {error}") from None
 
 
-def _csv_table(path: Path, columns: list[str], time: str | None, dt: float | int | None) -> _Table:
+def _csv_table(path: Path, columns: _Columns) -> _Table:
     header = _header(path)
-    wanted = {*columns, *([time] if time else []), *(TIME_NAMES if dt is None else ())}
+    wanted = {*columns.names, *([columns.time] if columns.time else []), *(TIME_NAMES if columns.dt is None else ())}
     places = [k for k, name in enumerate(header) if name.strip() in wanted or name.strip().lower() in wanted]
     frame = _numeric_frame(path, header, places)
     return _Table(str(path), frame, lambda k: f"row {k + 2}")
@@ -164,55 +198,33 @@ def _numeric_frame(path: Path, header: list[str], places: list[int]) -> pd.DataF
     return frame
 
 
-def _assemble(
-    tables: Iterator[_Table],
-    states: list[str],
-    inputs: list[str],
-    time: str | None,
-    dt: float | int | None,
-    gap: float | int | None,
-    missing: str,
-) -> Trajectories:
-    if missing not in ("error", "split"):
-        raise DataError(f'missing={missing!r}; choose "error" or "split"')
-    if time is not None and dt is not None:
-        raise DataError("both a time column and a step dt were given; give one of them")
-    if not states or len({*states, *inputs}) != len(states) + len(inputs):
-        raise DataError(f"states {states} and inputs {inputs}: at least one state, and no name twice, is needed")
+def _assemble(tables: Iterator[_Table], columns: _Columns) -> Trajectories:
     runs: list[Trajectory] = []
     notes: list[str] = []
     for table in tables:
-        runs += _runs(table, states, inputs, time, dt, gap, missing, notes)
-    return Trajectories(tuple(runs), tuple(states), tuple(inputs), tuple(notes))
+        runs += _runs(table, columns, notes)
+    return Trajectories(tuple(runs), columns.states, columns.inputs, tuple(notes))
 
 
-def _runs(
-    table: _Table,
-    states: list[str],
-    inputs: list[str],
-    time: str | None,
-    dt: float | int | None,
-    gap: float | int | None,
-    missing: str,
-    notes: list[str],
-) -> list[Trajectory]:
-    time_name = None if dt is not None else _time_name(table, time, {*states, *inputs})
-    names = [*([time_name] if time_name else []), *states, *inputs]
+def _runs(table: _Table, columns: _Columns, notes: list[str]) -> list[Trajectory]:
+    time_name = None if columns.dt is not None else _time_name(table, columns)
+    names = [*([time_name] if time_name else []), *columns.names]
     if len(table.frame) < 2:
         raise DataError(f"{table.name}: {len(table.frame)} rows of data; at least 2 are needed")
     found = [_find(table, name) for name in names]
     repaired = [repr(column) for name, column in zip(names, found, strict=True) if column != name]
     if repaired:
         notes.append(f"{table.name}: blanks around the names of columns were ignored: {', '.join(repaired)}")
-    values = np.column_stack([_column(table, column, missing == "split") for column in found])
+    values = np.column_stack([_column(table, column, columns.missing == "split") for column in found])
     good = np.isfinite(values).all(axis=1)
     if time_name:
         t, values = values[:, 0], values[:, 1:]
         _check_order(table, time_name, t, good)
     else:
-        t = np.arange(len(values)) * _step(dt)
-    cuts = _cuts(table, t, good, gap, notes)
-    runs = [Trajectory(t[a:b], values[a:b, : len(states)], values[a:b, len(states) :]) for a, b in cuts if b - a >= 2]
+        t = np.arange(len(values)) * float(columns.dt or 0)
+    cuts = _cuts(table, t, good, columns.gap, notes)
+    n = len(columns.states)
+    runs = [Trajectory(t[a:b], values[a:b, :n], values[a:b, n:]) for a, b in cuts if b - a >= 2]
     if len(runs) < len(cuts):
         notes.append(f"{table.name}: {len(cuts) - len(runs)} single sample(s) between gaps were left out")
     if not runs:
@@ -220,17 +232,11 @@ def _runs(
     return runs
 
 
-def _step(dt: float | int | None) -> float:
-    if dt is None or not (np.isfinite(dt) and dt > 0):
-        raise DataError(f"dt = {dt}; needed is a positive step in s")
-    return float(dt)
-
-
-def _time_name(table: _Table, time: str | None, taken: set[str]) -> str:
-    if time is not None:
-        return time
+def _time_name(table: _Table, columns: _Columns) -> str:
+    if columns.time is not None:
+        return columns.time
     found = [str(c).strip() for c in table.frame.columns if str(c).strip().lower() in TIME_NAMES]
-    found = [name for name in found if name not in taken]
+    found = [name for name in found if name not in columns.names]
     if not found:
         raise DataError(f"{table.name}: no time: name its column (time=, --time) or give the step in s (dt=, --dt)")
     return found[0]
