@@ -8,6 +8,7 @@ from numpy import ndarray
 
 from persid.freerun import Score
 from persid.gram import Gram, condition_number
+from persid.koopman import ALIASING, Lifting, edmd, sample_step
 from persid.trajectories import Trajectories
 from persid.validation import Curve
 
@@ -27,13 +28,25 @@ class Excitation:
 
 
 @dataclass(frozen=True)
+class Spectrum:
+    """Eigenvalues of a Koopman matrix as pairs (real, imaginary), and the sampling step `dt` in s.
+
+    An eigenvalue that turns more than `limit` (radians) a sample is refused: a faster and a slower turn look alike.
+    """
+
+    values: tuple[tuple[float, float], ...]
+    dt: float
+    limit: float = ALIASING * np.pi
+
+
+@dataclass(frozen=True)
 class FitReport:
     """Figures of a fit. Scores are of a model fitted without the held-out tails; the delivered model uses all data.
 
     `condition_raw` and `condition_scaled` are condition numbers of the columns; `largest_coefficient` is in units of
     scaled columns (a column's contribution over that of the left side); `whiteness` holds for each state the largest
     autocorrelation of the one-step residual over 20 lags, and the 99 % bound of white noise; `coverage` is the box of
-    the data.
+    the data; `spectrum` is that of the Koopman matrix, where the method has one.
     """
 
     method: str
@@ -57,6 +70,7 @@ class FitReport:
     one_step: Score | None
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
+    spectrum: Spectrum | None = None
 
     def __str__(self) -> str:
         rows = [
@@ -147,6 +161,13 @@ def _free_share(gram: Gram) -> ndarray:
     inverse = np.linalg.inv(C / np.outer(d, d) + 1e-12 * np.eye(len(d)))
     share[keep] = np.clip(1 / np.maximum(np.diag(inverse), 1.0), 0, 1)
     return share
+
+
+def koopman_spectrum(data: Trajectories, lifting: Lifting, hold: str) -> Spectrum:
+    """Return the eigenvalues of the Koopman matrix of the data, the largest first."""
+    values = np.linalg.eigvals(edmd(data, lifting, hold))
+    values = values[np.argsort(-np.abs(values), kind="stable")]
+    return Spectrum(tuple((float(k.real), float(k.imag)) for k in values), sample_step(data))
 
 
 def whiteness(residual: Float[ndarray, "N n"]) -> tuple[tuple[float, float], ...]:

@@ -17,7 +17,7 @@ from typing import Any
 import persid_check
 from persid.certificate import Certificate, RoundingError, load_certificate
 from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
-from persid.diagnostics import Excitation, FitReport
+from persid.diagnostics import Excitation, FitReport, Spectrum
 from persid.errors import PersidError
 from persid.files import write_atomically
 from persid.freerun import Score
@@ -280,8 +280,8 @@ def _number_or_object(content: dict[str, Any]) -> Any:
 def _fit_report(content: Mapping[str, Any]) -> FitReport:
     """Return the report of a fit from what `dataclasses.asdict` made of it."""
     values = {name: _tuples(part) for name, part in content.items()}
-    for name, kind in (("curve", Curve), ("free_run", Score), ("one_step", Score)):
-        if content[name] is not None:
+    for name, kind in (("curve", Curve), ("free_run", Score), ("one_step", Score), ("spectrum", Spectrum)):
+        if content.get(name) is not None:
             values[name] = kind(**{key: _tuples(part) for key, part in content[name].items()})
     values["excitation"] = tuple(Excitation(**item) for item in content["excitation"])
     return FitReport(**values)

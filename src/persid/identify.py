@@ -217,7 +217,11 @@ class PersidskiiIdentifier(BaseEstimator):
             one_step=step,
             notes=notes,
             warnings=diagnostics.advise(facts, problem.basis.size, moved, free, solution.curve),
+            spectrum=self._spectrum(problem) if self.method == "edmd" else None,
         )
+
+    def _spectrum(self, problem: Problem) -> diagnostics.Spectrum:
+        return diagnostics.koopman_spectrum(problem.data, make_lifting(problem.basis, self.lifting), self.hold)
 
     def _remember(self, measured: Trajectories, X: Any) -> None:
         self.n_features_in_ = self.n_states_in_ = len(measured.states)
