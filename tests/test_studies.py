@@ -194,6 +194,17 @@ def test_unknown_studies_are_refused(tmp_path: Path) -> None:
     assert cli.main(["study", "nonsense", "-o", str(tmp_path)]) == 2
 
 
+def test_progress_shows_a_bar_of_the_parts(tmp_path: Path) -> None:
+    """Each line of progress stands behind a bar with the parts done and meant, the lines inside a part too."""
+    lines: list[str] = []
+    run_study("bases", tmp_path, quick=True, progress=lines.append)
+    assert [line.split("/4 ")[0][-1] for line in lines] == ["0", "1", "2", "3"]
+    parts = Parts.below(tmp_path, ModuleWithRevision, lines.append).of(2)
+    parts.part("first", {}, lambda: parts.within("first")("half way") or {})
+    assert "0/2 " in lines[-1]
+    assert lines[-1].endswith("first: half way")
+
+
 @pytest.mark.parametrize(
     ("found", "before", "same"),
     [(1.05, 1.0, True), (1.2, 1.0, False), (1e-4, 2e-4, True), (2, 3, True), (2, 4, False), (None, 1.0, False),

@@ -45,6 +45,7 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     """Run the study. With `quick`: 60 points and samples, the printed step, f of the state; `seeds` is not used."""
     size = 60 if quick else 300
     cases = [(r, s) for r in READINGS[: 1 if quick else 2] for s in STEPS[: 1 if quick else 2]]
+    parts = parts.of(len(cases) * len(COMBINATIONS))
     cells = {case: {name: _cell(parts, name, *case, size) for name in COMBINATIONS} for case in cases}
     return Study(
         name="bases",

@@ -5,10 +5,12 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
+
+from tqdm import tqdm
 
 from persid.certify import Certified, Reason, Refuted, Undecided, Verdict
 from persid.files import write_atomically
@@ -16,17 +18,20 @@ from persid.folder import versions
 from persid.model import PersidskiiModel
 from persid.summary import summarize
 
+BAR = "{bar:20} {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
 PARTS, PROOFS, MODELS = "parts", "proofs", "models"
 
 
 @dataclass(frozen=True)
 class Parts:
-    """The folder of a study with its finished parts; `origin` goes into every part's hash."""
+    """The folder of a study with its finished parts; `origin` goes into every part's hash, `count` parts are meant."""
 
     folder: Path
     origin: Mapping[str, Any]
     progress: Callable[[str], None]
+    count: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
+    started: float = field(default_factory=time.perf_counter)
 
     @classmethod
     def below(cls, folder: Path, study: ModuleType, progress: Callable[[str], None]) -> "Parts":
@@ -36,12 +41,26 @@ class Parts:
         origin = {"study": study.__name__, "revision": study.REVISION, "versions": versions()}
         return cls(folder, origin, progress)
 
+    def of(self, count: int) -> "Parts":
+        """Return the same parts, knowing how many there will be."""
+        return replace(self, count=count)
+
+    def say(self, line: str) -> None:
+        """Report a line of progress behind a bar of the parts that are done."""
+        spent = time.perf_counter() - self.started
+        bar = tqdm.format_meter(len(self.seconds), self.count, spent, bar_format=BAR)
+        self.progress(f"{bar} {line}")
+
+    def within(self, name: str) -> Callable[[str], None]:
+        """Return what reports the lines of progress of one part."""
+        return lambda line: self.say(f"{name}: {line}")
+
     def part(self, name: str, parameters: Mapping[str, Any], compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """Return what `compute` returns, from the file of an earlier run where nothing has changed since.
 
         A result may list `files` below the folder; one that is missing makes the part be computed again.
         """
-        self.progress(name)
+        self.say(name)
         path, key = self.folder / PARTS / f"{_file_name(name)}.json", self._key(name, parameters)
         found = _read(path)
         if found is None or found.get("key") != key or not self._complete(found["result"]):

@@ -6,7 +6,7 @@ Models are fitted to the disturbed data and run freely without d. The error "on 
 against the disturbed data; runs from near and far starts are scored against the true system without d.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any
 
@@ -72,14 +72,13 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     names = ("d1", "d4") if quick else DISTURBANCES
     estimators = {label: ESTIMATORS[label] for label in (QUICK if quick else ESTIMATORS)}
     strengths = (1e-5, 0.02) if quick else STRENGTHS
+    parts = parts.of(len(_asked(names, estimators, strengths)) + (1 if quick else 1 + len(names)))
     cells = {
         label: {name: _cell(parts, label, options, name) for name in names} for label, options in estimators.items()
     }
     if not quick:
         cells[UNDER] = {name: _under_the_certificate(parts, name) for name in names}
-    path = {
-        name: [_cell(parts, f"weak form, ridge {r:g}", PLAIN | {"ridge": r}, name) for r in strengths] for name in names
-    }
+    path = {name: [_cell(parts, _ridge(r), PLAIN | {"ridge": r}, name) for r in strengths] for name in names}
     truth = parts.part("true system", {"region": REGION, "limit": TIME_LIMIT}, partial(_truth_verdicts, parts))
     return Study(
         name="traffic",
@@ -93,6 +92,15 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
         quick=quick,
         versions=versions(),
     )
+
+
+def _asked(names: Sequence[str], estimators: Iterable[str], strengths: Sequence[float]) -> set[tuple[str, str]]:
+    """Return the pairs of estimator and disturbance; the ridge path shares some with the table of estimators."""
+    return {(label, name) for label in (*estimators, *map(_ridge, strengths)) for name in names}
+
+
+def _ridge(strength: float) -> str:
+    return f"weak form, ridge {strength:g}"
 
 
 def true_rate(t: float, x: ndarray, d: ndarray) -> ndarray:
@@ -143,8 +151,9 @@ def _compute(parts: Parts, label: str, options: Mapping[str, Any], name: str) ->
         fit = ps.PersidskiiIdentifier(**options).fit(data)
     except ps.GeneratorError as error:
         return {"refused": str(error)}
-    verdict = ps.certify(fit.model_, time_limit=TIME_LIMIT, progress=parts.progress)
-    return _scored(fit.model_, data) | {"verdict": parts.verdict(f"{label}, {name}", fit.model_, verdict)}
+    part = f"{label}, {name}"
+    verdict = ps.certify(fit.model_, time_limit=TIME_LIMIT, progress=parts.within(part))
+    return _scored(fit.model_, data) | {"verdict": parts.verdict(part, fit.model_, verdict)}
 
 
 def _under_the_certificate(parts: Parts, name: str) -> dict[str, Any]:
@@ -153,7 +162,7 @@ def _under_the_certificate(parts: Parts, name: str) -> dict[str, Any]:
     def compute() -> dict[str, Any]:
         data = disturbed(name)
         free = ps.PersidskiiIdentifier(**ESTIMATORS[DEFAULT])
-        fit = CertifiedIdentifier(free, time_limit=FIT_LIMIT, progress=parts.progress).fit(data)
+        fit = CertifiedIdentifier(free, time_limit=FIT_LIMIT, progress=parts.within(f"{UNDER}, {name}")).fit(data)
         return _scored(fit.model_, data) | {"verdict": parts.verdict(f"{UNDER}, {name}", fit.model_, fit.verdict_)}
 
     return parts.part(f"{UNDER}, {name}", {"limit": FIT_LIMIT}, compute)
@@ -176,9 +185,9 @@ def _scored(model: ps.PersidskiiModel, data: ps.Trajectories) -> dict[str, Any]:
 
 def _truth_verdicts(parts: Parts) -> dict[str, Any]:
     """Ask about the true right-hand side: on all of the plane, and in a box about one of its equilibria."""
-    model = true_model()
-    everywhere = ps.certify(model, time_limit=TIME_LIMIT, progress=parts.progress)
-    region = ps.certify(model, operating_point=REST, domain=REGION, time_limit=TIME_LIMIT, progress=parts.progress)
+    model, say = true_model(), parts.within("true system")
+    everywhere = ps.certify(model, time_limit=TIME_LIMIT, progress=say)
+    region = ps.certify(model, operating_point=REST, domain=REGION, time_limit=TIME_LIMIT, progress=say)
     return {
         "global": parts.verdict("true system, global", model, everywhere),
         "regional": parts.verdict("true system, regional", model, region),
@@ -253,7 +262,7 @@ def _figures(
             found |= _cell_figures(f"{label}, {name}", cell)
     for name, column in path.items():
         for r, cell in zip(strengths, column, strict=True):
-            found |= _cell_figures(f"weak form, ridge {r:g}, {name}", cell)
+            found |= _cell_figures(f"{_ridge(r)}, {name}", cell)
     return found | {f"true system, {scope}": _kind(truth[scope]) for scope in ("global", "regional")}
 
 
