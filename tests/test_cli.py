@@ -17,7 +17,7 @@ import pytest
 
 import persid as ps
 from persid import certify as _  # noqa: F401  (the module is loaded, so that the name below can be patched)
-from persid import cli, folder, talk
+from persid import cli, fit_commands, folder, talk
 from persid.certificate import _decimal
 from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
 from persid.constrained import Delivery
@@ -220,7 +220,7 @@ def test_run_refuted(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(verdict, Refuted)
     monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
     monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
-    monkeypatch.setattr(cli, "_identify", _identified("unstable.json"))
+    monkeypatch.setattr(fit_commands, "_identify", _identified("unstable.json"))
     assert cli.main(RUN) == 1
     assert "witness.json" in files(here / "out")
     assert "is not input-to-state stable" in (here / "out" / "report.html").read_text()
@@ -245,7 +245,7 @@ def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     verdict = Undecided(Reason.INFEASIBLE, "", (), obstruction)
     monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
     monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
-    monkeypatch.setattr(cli, "_identify", _identified("m.json"))
+    monkeypatch.setattr(fit_commands, "_identify", _identified("m.json"))
     (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
     words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]
     assert cli.main(words) == 3
@@ -479,7 +479,7 @@ def test_interruption_of_the_search(here: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_internal_error(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """An unexpected exception gives exit code 4, one line, and a traceback only with --debug."""
-    monkeypatch.setattr(cli, "_identify", _raising(ZeroDivisionError("by zero")))
+    monkeypatch.setattr(fit_commands, "_identify", _raising(ZeroDivisionError("by zero")))
     assert cli.main(RUN) == 4
     err = capsys.readouterr().err
     assert "ZeroDivisionError: by zero" in err
@@ -529,8 +529,8 @@ def _environment() -> dict[str, str]:
 def test_ctrl_c_in_a_real_process(here: Path) -> None:
     """A process that is interrupted exits with 130 and leaves nothing."""
     code = (
-        "import os, signal, sys, persid.cli as cli;"
-        "cli._identify = lambda *a: os.kill(os.getpid(), signal.SIGINT);"
+        "import os, signal, sys, persid.cli as cli, persid.fit_commands as fits;"
+        "fits._identify = lambda *a: os.kill(os.getpid(), signal.SIGINT);"
         f"sys.exit(cli.main({RUN!r}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=_environment())

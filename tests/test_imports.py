@@ -42,7 +42,9 @@ batches
 plots
 report interop
 talk options signals
+outcomes
 studies
+fit_commands proof_commands result_commands
 cli
 """
 DEFERRED = {("trajectories", "readers")}  # Trajectories.from_dataframe asks the reader, when it is called

@@ -1,0 +1,161 @@
+"""The commands that measure: run and identify."""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from persid.options import MEASUREMENTS, NEW_FILE, NEW_FOLDER, fitting, proving, reading, talking
+from persid.outcomes import DONE, EXIT, question, refuse_unwritable, uninterrupted, verdict_rows
+from persid.talk import Talk
+
+if TYPE_CHECKING:
+    from persid.trajectories import Trajectories
+
+
+@click.command()
+@MEASUREMENTS
+@reading
+@fitting
+@proving
+@click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
+@talking
+def run(
+    data: tuple[Path, ...], functions: Any, ridge: Any, operating_point: Any, u_op: Any, domain: str, time_limit: float,
+    output: Path, as_json: bool, quiet: bool, **how: Any,
+) -> int:  # fmt: skip
+    """Identify, certify and report: from measurements to a verdict in one go.
+
+    Several files are several trajectories of one system. Where the free fit is not certified for all states, it is
+    fitted again under the condition that a certificate exists, and both are reported side by side (not with --domain
+    data, --operating-point or --u-op). The folder receives model.json, certificate.json (or witness.json, or
+    obstruction.json: why undecided), report.html, figures/ and run.json; older results there are removed. The exit
+    code is that of the verdict.
+
+    \b
+    Example:
+      persid run examples/traffic.csv --states x1,x2 --inputs u -o out
+    """
+    from persid import folder
+    from persid.certify import certify
+    from persid.constrained import Delivery, deliver
+    from persid.summary import comparison_rows, summarize
+
+    talk = Talk(as_json, quiet)
+    refuse_unwritable(output)
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        measured = folder.read_measurements(data, **how)
+        progress("identifying the model")
+        fit = _identify(measured, functions, ridge)
+        asked = question(operating_point, u_op, domain, time_limit)
+        verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
+        usual = domain == "global" and operating_point is None and u_op is None
+        made = deliver(fit, verdict, measured, time_limit, progress) if usual else Delivery(fit.model_, verdict)
+        verdict, facts = made.verdict, (made.verdict.attempts, folder.versions(), made.comparison)
+        record = folder.Record(_command(), folder.sources(data), how, fit.report_, *facts)
+        progress("drawing the report")
+        proof = _deliver(output, folder.Results(made.model, verdict, measured, record))
+    brief = summarize(verdict)
+    paths = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
+    files = {name: str(path) for name, path in paths.items()}
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
+    rows += [*verdict_rows(verdict), *list(files.items())[1:]]
+    talk.result(brief.to_dict() | {"fits": (made.comparison or {}).get("fits"), "files": files}, rows)
+    return EXIT[brief.verdict]
+
+
+@click.command()
+@MEASUREMENTS
+@reading
+@fitting
+@click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
+@talking
+def identify(
+    data: tuple[Path, ...], functions: Any, ridge: Any, output: Path, as_json: bool, quiet: bool, **how: Any
+) -> int:
+    """Identify a generalized Persidskii model from measurements.
+
+    \b
+    Example:
+      persid identify examples/traffic.csv --states x1,x2 --inputs u -o model.json
+    """
+    from persid.equations import equations
+    from persid.folder import read_measurements
+
+    talk = Talk(as_json, quiet)
+    refuse_unwritable(output)
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        measured = read_measurements(data, **how)
+        progress("identifying the model")
+        fit = _identify(measured, functions, ridge)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    fit.model_.save(output)
+    text = equations(fit.model_)
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), ("equations", text), ("model", str(output))]
+    report = fit.report_
+    scores = {"ridge": report.ridge, "condition": _number(report.condition_scaled)} | _scores(report)
+    talk.result({"model": str(output), "sha256": fit.model_.sha256, "equations": text.splitlines()} | scores, rows)
+    return DONE
+
+
+def _identify(measured: "Trajectories", functions: Any, ridge: Any) -> Any:
+    from persid.identify import PersidskiiIdentifier
+
+    return PersidskiiIdentifier(functions=functions, ridge=ridge).fit(measured)
+
+
+def _deliver(output: Path, results: Any) -> str:
+    """Write all files of a run, or none; return the name of the file that carries the verdict."""
+    from persid import folder
+    from persid.report import write_report
+
+    stale = [folder.CERTIFICATE, folder.WITNESS, folder.OBSTRUCTION, folder.INFEASIBLE, f"{folder.FIGURES}/*.png"]
+    with folder.delivery(output, stale) as stage:
+        results.model.save(stage / folder.MODEL)
+        proof = folder.write_verdict(stage, results.verdict, results.model)
+        folder.write_record(stage, results.record)
+        write_report(results, stage)
+    return proof
+
+
+def _command() -> str:
+    return "persid " + shlex.join(sys.argv[1:])
+
+
+def _kind(name: str) -> str:
+    return name.removesuffix(".json")
+
+
+def _number(value: float) -> float | None:
+    return value if abs(value) < float("inf") else None
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def _data_rows(paths: Sequence[Path], data: "Trajectories") -> list[tuple[str, str]]:
+    name = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
+    counts = [_count(len(data), "run"), _count(data.samples, "sample")]
+    counts += [_count(len(data.states), "state"), _count(len(data.inputs), "input")]
+    return [("data", f"{name}: {', '.join(counts)}")]
+
+
+def _fit_rows(report: Any) -> list[tuple[str, str]]:
+    rows = [("fit", f"{report.method} form, {report.columns} columns, ridge {report.ridge:.3g}")]
+    if report.free_run is not None:
+        score = report.free_run
+        blown = f", {_count(score.blow_ups, 'blow-up')}" if score.blow_ups else ""
+        rows += [("free run", f"R2 {score.r2_mean:.4f}, RMSE {score.rmse:.4g} on the held-out tail{blown}")]
+    return [*rows, *(("note", text) for text in report.notes), *(("warning", text) for text in report.warnings)]
+
+
+def _scores(report: Any) -> dict[str, Any]:
+    pairs = (("free_run", report.free_run), ("one_step", report.one_step))
+    scores = {name: {"rmse": _number(s.rmse), "r2": _number(s.r2_mean)} for name, s in pairs if s is not None}
+    return {**scores, "notes": list(report.notes), "warnings": list(report.warnings)}

@@ -1,0 +1,69 @@
+"""The commands that show: simulate and report."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from persid.options import FILE, NEW_FILE, simulating, talking
+from persid.outcomes import DONE, read_model, refuse_unwritable, verdict_rows
+from persid.talk import Talk
+
+
+@click.command()
+@click.argument("model", type=FILE, metavar="MODEL.json")
+@simulating
+@click.option("-o", "--output", type=NEW_FILE, required=True, help="The CSV file to write.")
+@talking
+def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: bool, **inputs: Any) -> int:
+    """Simulate a model and write t, states and inputs as CSV.
+
+    Without --input or --inputs-csv the inputs stay at u_ref. A run that diverges ends there, and this is said.
+
+    \b
+    Example:
+      persid simulate model.json --x0 1,3 --input "sin(t)" --t-end 30 --dt 0.03 -o run.csv
+    """
+    from persid import signals as making
+
+    talk = Talk(as_json, quiet)
+    subject = read_model(model)
+    refuse_unwritable(output)
+    with talk.progress() as progress:
+        t, u = making.times_and_inputs(subject, **inputs)
+        progress("simulating")
+        found = subject.simulate(x0, t, u)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    making.write_csv(output, found)
+    gone = found[0].diverged_at
+    rows = [("samples", f"{found.samples}, t = {found[0].t[0]:g} ... {found[0].t[-1]:g} s")]
+    rows += [("diverged", f"the state left all bounds at t = {gone:.6g} s; the run ends there")] if gone else []
+    rows += [("run", str(output))]
+    talk.result({"run": str(output), "samples": found.samples, "diverged_at": gone}, rows)
+    return DONE
+
+
+@click.command()
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="OUT")
+@talking
+def report(folder: Path, as_json: bool, quiet: bool) -> int:
+    """Build the report page again from the files in OUT.
+
+    The proof is checked again on the way. What needs the measurements is left out where they have changed.
+
+    \b
+    Example:
+      persid report out
+    """
+    from persid.folder import FIGURES, REPORT, delivery, read_results
+    from persid.report import write_report
+
+    talk = Talk(as_json, quiet)
+    with talk.progress() as progress:
+        progress("reading the results")
+        results = read_results(folder)
+        progress("drawing the report")
+        with delivery(folder, [REPORT, f"{FIGURES}/*.png"]) as stage:
+            write_report(results, stage)
+    talk.result({"report": str(folder / REPORT)}, [*verdict_rows(results.verdict), ("report", str(folder / REPORT))])
+    return DONE
