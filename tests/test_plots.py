@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 import persid as ps
 from persid import plots
+from persid.certificate import value
 from persid.validation import Curve
 
 VALID = Path(__file__).parent / "certificates" / "valid"
@@ -107,7 +108,7 @@ def test_level_sets_show_the_region(ax: Axes) -> None:
     plots.level_sets(ax, certificate)
     assert ax.get_xlim()[1] >= 2
     levels = [np.asarray(c.levels) for c in ax.collections if hasattr(c, "levels")]
-    level = plots.value(certificate.content["level"])
+    level = value(certificate.content["level"])
     assert any(len(some) == 1 and some[0] == level for some in levels)
     drawn(ax)
 

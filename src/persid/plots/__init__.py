@@ -1,0 +1,62 @@
+"""Figures: one function a figure, which draws on the Axes it is given and returns it. Nothing global is touched.
+
+    import matplotlib.pyplot as plt, persid as ps
+    fig, ax = plt.subplots()
+    ps.plots.level_sets(ax, certificate)
+
+Blue and solid is measured, red and dashed is the model; the colours are told apart by colour-blind readers and in grey.
+"""
+
+from persid.plots.fields import (
+    contributions,
+    correlation_matrix,
+    correlations,
+    phase_portrait,
+    term_names,
+    terms,
+    vector_field,
+)
+from persid.plots.measured import (
+    attempts,
+    blow_up,
+    candidates,
+    fits,
+    free_run,
+    koopman_spectrum,
+    overview,
+    residuals,
+    validation_curve,
+)
+from persid.plots.proofs import bound, largest_input, level_sets, sector_forms
+from persid.plots.style import FIELD, FORM, INK, LEVEL, MEASURED, MODEL, plain, short
+
+__all__ = [
+    "FIELD",
+    "FORM",
+    "INK",
+    "LEVEL",
+    "MEASURED",
+    "MODEL",
+    "attempts",
+    "blow_up",
+    "bound",
+    "candidates",
+    "contributions",
+    "correlation_matrix",
+    "correlations",
+    "fits",
+    "free_run",
+    "koopman_spectrum",
+    "largest_input",
+    "level_sets",
+    "overview",
+    "phase_portrait",
+    "plain",
+    "residuals",
+    "sector_forms",
+    "short",
+    "term_names",
+    "terms",
+    "validation_curve",
+    "vector_field",
+]

@@ -1,0 +1,134 @@
+"""Figures of a certificate: its Lyapunov function, its bound, and the sector forms it relies on."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy import ndarray
+
+from persid.certificate import Certificate, value
+from persid.plots.fields import box_of, mesh, phase_portrait
+from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, thin, tidy
+from persid.trajectories import Trajectory
+from persid_check import groups
+
+GRID = 81  # points a side on which V is evaluated
+MOST_LEVELS = 16
+BOUND_POINTS = 80
+
+
+def level_sets(
+    ax: Axes, certificate: Certificate, box: Any = None, states: Sequence[int] = (0, 1), runs: Sequence[Trajectory] = ()
+) -> Axes:
+    """Draw level sets of V over two states, the others at the operating point, on the phase portrait.
+
+    `box` is one (lo, hi) per state, by default that of a regional claim (whose certified region is shaded), or else the
+    model's domain with the operating point, widened.
+    """
+    model, point, (i, j) = certificate.model, certificate.operating_point, states
+    region = certificate.content if certificate.claim == "R" else {}
+    certified = np.array([[value(lo), value(hi)] for lo, hi in region.get("box", [])]).reshape(-1, 2)
+    box = box_of(model, certified if box is None and region else box, point)
+    phase_portrait(ax, model, box, states, runs, point)
+    X, Y, points = mesh(box, states, GRID, point)
+    with np.errstate(all="ignore"):
+        V = np.nan_to_num(certificate.V(points), nan=0.0, posinf=1e300).reshape(X.shape)
+    ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=0.8 if region else 1.1, zorder=2)
+    if region:
+        ax.contour(X, Y, V, levels=[value(region["level"])], colors=LEVEL, linewidths=3, zorder=2)
+        ax.contourf(X, Y, V, levels=[V.min() - 1, value(region["level"])], colors=LEVEL, alpha=0.12, zorder=0)
+    ax.plot(point[i], point[j], marker="o", ms=6, color=INK, ls="none", zorder=4, label="operating point")
+    return ax
+
+
+def _levels(V: ndarray) -> ndarray:
+    """Levels whose sets grow by equal steps: five within the largest set that the box holds, and more until V's top."""
+    inside, top = np.sqrt(np.maximum([min(V[0].min(), V[-1].min(), V[:, 0].min(), V[:, -1].min()), V.max()], 1e-300))
+    step = max(inside / 5, top / MOST_LEVELS)
+    return (step * np.arange(1, int(top / step) + 1)) ** 2
+
+
+def largest_input(certificate: Certificate, run: Trajectory) -> float:
+    """Return the largest |u - u*| of a run, about the nominal input u* of the certificate."""
+    point = certificate.content["operating_point"]
+    u = certificate.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
+    return float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
+
+
+def bound(ax: Axes, certificate: Certificate, run: Trajectory, others: Sequence[Trajectory] = ()) -> Axes:
+    """Draw the distance of a run of the model from the operating point, and the bound that the certificate proves.
+
+    `others` are further runs of the model to which the same bound applies: from starts of no larger V, with inputs
+    that are no larger.
+
+    Raises:
+        PersidError: the claim has no rate, or the run starts outside the certified region or has too large inputs.
+    """
+    t = np.linspace(0, run.t[-1] - run.t[0], BOUND_POINTS)
+    proved = certificate.bound(run.x[0], largest_input(certificate, run), t)
+    for k, other in enumerate(others):
+        ax.plot(*thin(other.t - other.t[0], _distance(certificate, other)), color=FIELD, lw=0.8,
+                label=None if k else "simulations")  # fmt: skip
+    ax.plot(t, proved, color=LEVEL, lw=2, label="proved bound")
+    ax.plot(*thin(run.t - run.t[0], _distance(certificate, run)), color=MODEL, lw=1.4, ls=DASHES,
+            label="model, free run")  # fmt: skip
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel("t in s from the start")
+    ax.set_ylabel("|x - x*|")
+    ax.legend(frameon=False, loc="upper right")
+    return tidy(ax)
+
+
+def _distance(certificate: Certificate, run: Trajectory) -> ndarray:
+    return np.linalg.norm(run.x - certificate.operating_point, axis=1)
+
+
+def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
+    """Draw the functions of one group, and the sector forms that the proof uses on them, against y.
+
+    Each form l'phi(y) has the sign of y: its curve stays in the shaded quadrants, which is what the proof relies on.
+    The forms that make up V are solid, those that serve as multipliers only are dashed. The range of y is the region of
+    a regional claim, or else that of the model's domain.
+    """
+    low, high, phi, y = _curve(certificate, group)
+    for k, curve in enumerate(phi[1:]):
+        ax.plot(y, curve / _top(curve), color=MEASURED, lw=3.2, alpha=0.45, label=None if k else "functions")
+    stored = certificate.content["groups"][group]
+    forms = np.array([[value(c) for c in form] for form in stored["forms"]]).reshape(-1, len(phi)) @ phi
+    in_V = [value(mu) > 0 for mu in stored["mu"]]
+    for style, mine, label in (("-", True, "sector forms in V"), (DASHES, False, "other sector forms")):
+        for k, curve in enumerate(form for form, used in zip(forms, in_V, strict=True) if used is mine):
+            ax.plot(y, curve / _top(curve), color=FORM, lw=1.0, ls=style, label=None if k else label)
+    ax.fill_between(y, 0, np.sign(y) * 1.08, color=LEVEL, alpha=0.1, lw=0)
+    ax.set_xlim(low, high)
+    ax.set_ylim(-1.08, 1.08)
+    ax.locator_params(axis="x", nbins=5)
+    ax.set_xlabel("y")
+    ax.set_ylabel("each scaled to 1")
+    return tidy(ax)
+
+
+def _curve(certificate: Certificate, group: int) -> tuple[float, float, ndarray, ndarray]:
+    """Return a range of y, phi(y) of one group about the operating point, one row an entry, and y."""
+    model, part = certificate.model, groups(certificate.model.to_dict())[group]
+    weights, places = np.array([float(v) for v in part.row.values()]), list(part.row)
+    at = float(weights @ (certificate.operating_point - model.x_ref)[places])
+    if certificate.claim == "R":
+        box = np.array([[value(lo), value(hi)] for lo, hi in certificate.content["box"]])
+    else:
+        box = box_of(model, None, certificate.operating_point)
+    ends = weights[:, None] * (box - certificate.operating_point[:, None])[places]
+    low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
+    y = np.linspace(low, high, 241)
+    with np.errstate(all="ignore"):
+        values = [
+            model.channels.functions[c].value(float(a) * (at + y)) - model.channels.functions[c].value(float(a) * at)
+            for c, a in part.members
+        ]
+    return low, high, np.stack([y, *values]), y
+
+
+def _top(curve: ndarray) -> float:
+    size = float(np.nanmax(np.abs(curve[np.isfinite(curve)]), initial=0.0))
+    return size or 1.0
