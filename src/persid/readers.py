@@ -21,7 +21,7 @@ Paths = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True)
-class _Columns:
+class Columns:
     """What is taken from a table: names, where the time comes from (a column, or the step dt in s), what ends a run.
 
     Raises:
@@ -53,7 +53,7 @@ class _Columns:
 
 
 @dataclass(frozen=True)
-class _Table:
+class Table:
     """One table still as it was read: `label(k)` names data row k the way its owner counts."""
 
     name: str
@@ -81,8 +81,8 @@ def read_csv(
         DataError: a column is missing, a cell is no finite number, times do not increase, or rows are too few; the
             message names file, row (the line of the file; the header is row 1) and column, and what to try.
     """
-    columns = _Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
-    return _assemble((_csv_table(file, columns) for file in _files(paths)), columns)
+    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
+    return _assemble((csv_table(file, columns) for file in files_of(paths)), columns)
 
 
 def read_parquet(
@@ -100,11 +100,11 @@ def read_parquet(
     Raises:
         DataError: as for `read_csv`.
     """
-    columns = _Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
-    return _assemble((_parquet_table(file) for file in _files(paths)), columns)
+    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
+    return _assemble((_parquet_table(file) for file in files_of(paths)), columns)
 
 
-def _files(paths: Paths) -> list[Path]:
+def files_of(paths: Paths) -> list[Path]:
     return [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
 
 
@@ -123,10 +123,10 @@ def trajectories_of_frames(
     if states is None:
         taken = {*inputs, time, *(() if dt is not None else TIME_NAMES)}
         states = [str(column) for column in tables[0].frame.columns if str(column).strip() not in taken]
-    return _assemble(iter(tables), _Columns(tuple(states), tuple(inputs), time, dt, np.inf, "error"))
+    return _assemble(iter(tables), Columns(tuple(states), tuple(inputs), time, dt, np.inf, "error"))
 
 
-def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int | None) -> Iterator[_Table]:
+def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int | None) -> Iterator[Table]:
     """One table per episode of an (episode, time) index; an index named like a time becomes a column."""
     if isinstance(frame.index, pd.MultiIndex):
         if frame.index.nlevels != 2:
@@ -139,25 +139,25 @@ def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int 
         yield _frame_table(name, frame, named and dt is None)
 
 
-def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> _Table:
+def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     index = frame.index
     flat = frame.reset_index() if use_index else frame.reset_index(drop=True)
-    return _Table(name, flat, lambda k: f"row {index[k]}")
+    return Table(name, flat, lambda k: f"row {index[k]}")
 
 
-def _parquet_table(path: Path) -> _Table:
+def _parquet_table(path: Path) -> Table:
     try:
-        return _Table(str(path), pd.read_parquet(path), lambda k: f"row {k + 1}")
+        return Table(str(path), pd.read_parquet(path), lambda k: f"row {k + 1}")
     except (OSError, ValueError, ImportError) as error:
         raise DataError(f"{path}: cannot be read as Parquet: {error}") from None
 
 
-def _csv_table(path: Path, columns: _Columns) -> _Table:
+def csv_table(path: Path, columns: Columns) -> Table:
     header = _header(path)
     wanted = {*columns.names, *([columns.time] if columns.time else []), *(TIME_NAMES if columns.dt is None else ())}
     places = [k for k, name in enumerate(header) if name.strip() in wanted or name.strip().lower() in wanted]
     frame = _numeric_frame(path, header, places)
-    return _Table(str(path), frame, lambda k: f"row {k + 2}")
+    return Table(str(path), frame, lambda k: f"row {k + 2}")
 
 
 def _header(path: Path) -> list[str]:
@@ -198,7 +198,7 @@ def _numeric_frame(path: Path, header: list[str], places: list[int]) -> pd.DataF
     return frame
 
 
-def _assemble(tables: Iterator[_Table], columns: _Columns) -> Trajectories:
+def _assemble(tables: Iterator[Table], columns: Columns) -> Trajectories:
     runs: list[Trajectory] = []
     notes: list[str] = []
     for table in tables:
@@ -206,21 +206,31 @@ def _assemble(tables: Iterator[_Table], columns: _Columns) -> Trajectories:
     return Trajectories(tuple(runs), columns.states, columns.inputs, tuple(notes))
 
 
-def _runs(table: _Table, columns: _Columns, notes: list[str]) -> list[Trajectory]:
+def table_rows(table: Table, columns: Columns, notes: list[str]) -> tuple[ndarray | None, ndarray, ndarray]:
+    """Return times in s (None where the step dt gives them), states and inputs, and which rows are complete.
+
+    Raises:
+        DataError: a column is missing, a cell is no finite number, or times do not increase.
+    """
     time_name = None if columns.dt is not None else _time_name(table, columns)
     names = [*([time_name] if time_name else []), *columns.names]
-    if len(table.frame) < 2:
-        raise DataError(f"{table.name}: {len(table.frame)} rows of data; at least 2 are needed")
     found = [_find(table, name) for name in names]
     repaired = [repr(column) for name, column in zip(names, found, strict=True) if column != name]
     if repaired:
         notes.append(f"{table.name}: blanks around the names of columns were ignored: {', '.join(repaired)}")
     values = np.column_stack([_column(table, column, columns.missing == "split") for column in found])
     good = np.isfinite(values).all(axis=1)
-    if time_name:
-        t, values = values[:, 0], values[:, 1:]
-        _check_order(table, time_name, t, good)
-    else:
+    if time_name is None:
+        return None, values, good
+    check_order(table, time_name, values[:, 0], good)
+    return values[:, 0], values[:, 1:], good
+
+
+def _runs(table: Table, columns: Columns, notes: list[str]) -> list[Trajectory]:
+    if len(table.frame) < 2:
+        raise DataError(f"{table.name}: {len(table.frame)} rows of data; at least 2 are needed")
+    t, values, good = table_rows(table, columns, notes)
+    if t is None:
         t = np.arange(len(values)) * float(columns.dt or 0)
     cuts = _cuts(table, t, good, columns.gap, notes)
     n = len(columns.states)
@@ -232,7 +242,7 @@ def _runs(table: _Table, columns: _Columns, notes: list[str]) -> list[Trajectory
     return runs
 
 
-def _time_name(table: _Table, columns: _Columns) -> str:
+def _time_name(table: Table, columns: Columns) -> str:
     if columns.time is not None:
         return columns.time
     found = [str(c).strip() for c in table.frame.columns if str(c).strip().lower() in TIME_NAMES]
@@ -242,7 +252,7 @@ def _time_name(table: _Table, columns: _Columns) -> str:
     return found[0]
 
 
-def _column(table: _Table, column: Hashable, allow_missing: bool) -> ndarray:
+def _column(table: Table, column: Hashable, allow_missing: bool) -> ndarray:
     """Return one column as floats, or raise the error that names its first bad cell."""
     series = table.frame[column]
     numbers = series if pd.api.types.is_numeric_dtype(series) and series.dtype != bool else _parsed(series)
@@ -275,7 +285,7 @@ def _complaint(cell: Any) -> str:
     return f"{cell!r} is not a finite number"
 
 
-def _find(table: _Table, name: str) -> Hashable:
+def _find(table: Table, name: str) -> Hashable:
     columns = list(table.frame.columns)
     matches = [column for column in columns if str(column).strip() == name.strip()]
     exact = [column for column in matches if column == name]
@@ -288,13 +298,13 @@ def _find(table: _Table, name: str) -> Hashable:
     return (exact or matches)[0]
 
 
-def _offer(table: _Table) -> str:
+def _offer(table: Table) -> str:
     path = Path(table.name)
     is_csv = path.is_file() and path.suffix != ".parquet"
     return f"the columns are {', '.join(str(name).strip() for name in (_header(path) if is_csv else table.frame))}"
 
 
-def _check_order(table: _Table, name: str, t: ndarray, good: ndarray) -> None:
+def check_order(table: Table, name: str, t: ndarray, good: ndarray) -> None:
     rows = np.flatnonzero(good)
     back = np.flatnonzero(np.diff(t[rows]) <= 0)
     if len(back):
@@ -305,7 +315,7 @@ def _check_order(table: _Table, name: str, t: ndarray, good: ndarray) -> None:
         raise DataError(f"{table.name}: {table.label(k)}, column {name!r}: time {float(t[k])!r} {what}; {hint}")
 
 
-def _cuts(table: _Table, t: ndarray, good: ndarray, gap: float | int | None, notes: list[str]) -> list[tuple[int, int]]:
+def _cuts(table: Table, t: ndarray, good: ndarray, gap: float | int | None, notes: list[str]) -> list[tuple[int, int]]:
     """Cut at incomplete rows and at gaps in time; return [start, end) of the pieces and note every cut."""
     steps = np.diff(t)
     both = good[:-1] & good[1:]
