@@ -20,13 +20,15 @@ class Trajectory:
     """One run: times in s, states and inputs, row k of each belonging to time t[k].
 
     Under a zero-order hold u[k] acts from t[k] to t[k+1]; the last one is unused. `diverged_at` is the time in s at
-    which a simulated run left the range of representable states, None when it did not.
+    which a simulated run left the range of representable states, None when it did not; `stopped_at` the time at which
+    its budget of computation was used up with the state still bounded (a model that is too fast or too stiff).
     """
 
     t: Float[ndarray, " N"]
     x: Float[ndarray, "N n"]
     u: Float[ndarray, "N m"]
     diverged_at: float | None = None
+    stopped_at: float | None = None
 
     def __len__(self) -> int:
         return len(self.t)
