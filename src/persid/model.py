@@ -159,6 +159,8 @@ class PersidskiiModel:
     ) -> Trajectories:
         """Integrate from x0 and sample at the times t (s); a run that diverges ends there, with `diverged_at` set.
 
+        A model that is too fast or too stiff to be followed ends with `stopped_at` set; nothing follows from that.
+
         u is (N, m), held from each sample to the next, or a function of t, or None for u_ref.
 
         Raises:
