@@ -27,13 +27,15 @@ class Simulator(Protocol):
 class Score:
     """How well free runs follow the data. `r2` is about one mean of all states together, `r2_states` one a state.
 
-    `rmse` is in state units over all states and samples; `diverged_at` holds a time in s, or None, for each run.
+    `rmse` is in state units over all states and samples; `diverged_at` and `stopped_at` hold a time in s, or None, for
+    each run (of its blow-up; or at which the integrator's budget was used up with the state still bounded).
     """
 
     rmse: float
     r2: float
     r2_states: tuple[float, ...]
     diverged_at: tuple[float | None, ...] = ()
+    stopped_at: tuple[float | None, ...] = ()
 
     @property
     def blow_ups(self) -> int:
@@ -41,18 +43,29 @@ class Score:
         return sum(time is not None for time in self.diverged_at)
 
     @property
+    def unfinished(self) -> int:
+        """Number of runs that were stopped because the model is too fast or too stiff to be followed."""
+        return sum(time is not None for time in self.stopped_at)
+
+    @property
     def r2_mean(self) -> float:
         """Mean of the R2 of the single states."""
         return float(np.mean(self.r2_states))
 
 
-def score(truth: Float[ndarray, "N n"], guess: Float[ndarray, "N n"], diverged: tuple[float | None, ...] = ()) -> Score:
+def score(
+    truth: Float[ndarray, "N n"],
+    guess: Float[ndarray, "N n"],
+    diverged: tuple[float | None, ...] = (),
+    stopped: tuple[float | None, ...] = (),
+) -> Score:
     """Return RMSE and both readings of R2 of a prediction."""
     error = ((truth - guess) ** 2).sum(axis=0)
     spread = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
     pooled = float(((truth - truth.mean()) ** 2).sum())
     states = tuple(_r2(float(e), float(s)) for e, s in zip(error, spread, strict=True))
-    return Score(float(np.sqrt(error.sum() / truth.size)), _r2(float(error.sum()), pooled), states, diverged)
+    rmse = float(np.sqrt(error.sum() / truth.size))
+    return Score(rmse, _r2(float(error.sum()), pooled), states, diverged, stopped)
 
 
 def _r2(error: float, spread: float) -> float:
@@ -66,12 +79,12 @@ def box(data: Trajectories) -> Float[ndarray, "n 2"]:
 
 
 def free_run_score(model: Simulator, data: Trajectories, hold: str = "zoh", past: int = 1) -> Score:
-    """Simulate every run from its first `past` states and compare; after a blow-up the last state within reach counts.
+    """Simulate every run from its first `past` states and compare; where it ends early, its last state counts on.
 
     Paper: the RMSE and R2 of Sec. 4 (pooled over states and samples).
     """
     low, high = _reach(box(data))
-    truth, guess, diverged = [], [], []
+    truth, guess, diverged, stopped = [], [], [], []
     for run in data:
         start = run.x[0] if past == 1 else run.x[:past]
         found = model.simulate(start, run.t, input_signal(run.t, run.u, hold))[0]
@@ -79,7 +92,8 @@ def free_run_score(model: Simulator, data: Trajectories, hold: str = "zoh", past
         truth.append(run.x[past - 1 :])
         guess.append(np.clip(filled, low, high)[past - 1 :])
         diverged.append(found.diverged_at)
-    return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged))
+        stopped.append(found.stopped_at)
+    return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged), tuple(stopped))
 
 
 def input_signal(t: ndarray, u: ndarray, hold: str) -> Any:

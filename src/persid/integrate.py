@@ -1,7 +1,13 @@
-"""Integration of a model between samples: quiet, restarted where a held input jumps, stopped at a divergence."""
+"""Integration of a model between samples: quiet, restarted where a held input jumps, stopped at a divergence.
+
+Two ends are told apart. A run *diverges* when its state leaves all bounds, or moves infinitely fast for what times can
+resolve. It is *stopped* when it has used up its budget with the state still bounded: the model is too fast or too stiff
+to be followed, which says nothing about its stability.
+"""
 
 import warnings
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -17,17 +23,32 @@ if TYPE_CHECKING:
     from persid.model import PersidskiiModel
 
 STATE_CAP = 1e6  # a state beyond this many times the size of its start has diverged
-HUGE = 1e200  # right sides are cut off here, so that a blow-up ends in a cap and not in NaN
+HUGE = 1e140  # right sides are cut off here: LSODA squares them, and overflows would end in NaN
 STIFF = 40  # explicit steps in one sample interval after which an implicit method takes over
+BUDGET = 500_000  # evaluations of the right side that every run may take: some 7 s
+BUDGET_PER_SAMPLE = 500  # and these for every sample; stiff models with white inputs take about 150
+STANDSTILL = 10_000  # steps in a row, each too short to be added to t, after which a run is stopped
 
-Rhs = Callable[[float, ndarray], ndarray]
+
+@dataclass(frozen=True)
+class End:
+    """Why and when, in s, a run ended before its last sample; both None where it did not."""
+
+    diverged_at: float | None = None
+    stopped_at: float | None = None
+
+    @property
+    def early(self) -> bool:
+        """Whether the run ended before its last sample."""
+        return self != End()
 
 
 def integrate(
     model: "PersidskiiModel", x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
 ) -> Trajectory:
     """Return the run from x0 sampled at t; see `PersidskiiModel.simulate`."""
-    solver = _Solver(model, 1 + float(np.abs(x0).max() + np.abs(model.x_ref).max()), rtol, atol)
+    size = 1 + float(np.abs(x0).max() + np.abs(model.x_ref).max())
+    solver = _Solver(model, size, rtol, atol, BUDGET + BUDGET_PER_SAMPLE * len(t))
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # a solver's complaint becomes `diverged_at`
         if u is None or callable(u):
@@ -35,27 +56,27 @@ def integrate(
             held = np.array([np.reshape(np.asarray(at(s), float), model.m) for s in t]).reshape(len(t), model.m)
             forcing = (lambda s: solver.forcing(np.reshape(np.asarray(at(s), float), model.m))) if callable(u) else None
             constant = solver.forcing(model.u_ref)
-            states, diverged = solver.span(x0, t, forcing or (lambda _: constant))
+            states, end = solver.span(x0, t, forcing or (lambda _: constant))
         else:
             held = u
-            states, diverged = _held(solver, x0, t, u)
-    return Trajectory(t[: len(states)], states, held[: len(states)], diverged_at=diverged)
+            states, end = _held(solver, x0, t, u)
+    return Trajectory(t[: len(states)], states, held[: len(states)], **asdict(end))
 
 
-def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarray, float | None]:
+def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarray, End]:
     """Go from jump to jump of the input; an input that stays is integrated in one go."""
     jumps = np.flatnonzero((np.diff(u[:-1], axis=0) != 0).any(axis=1)) + 1
-    states, diverged = [x0[None]], None
+    states, end = [x0[None]], End()
     for a, b in pairwise([0, *jumps.tolist(), len(t) - 1]):
         force = solver.forcing(u[a])
         if b - a > 1:
-            found, diverged = solver.span(states[-1][-1], t[a : b + 1], partial(_constant, force))
+            found, end = solver.span(states[-1][-1], t[a : b + 1], partial(_constant, force))
         else:
-            found, diverged = solver.step(states[-1][-1], float(t[a]), float(t[b]), force)
+            found, end = solver.step(states[-1][-1], float(t[a]), float(t[b]), force)
         states.append(found[1:])
-        if diverged is not None:
+        if end.early:
             break
-    return np.concatenate(states), diverged
+    return np.concatenate(states), end
 
 
 def _constant(force: ndarray, _: float) -> ndarray:
@@ -63,11 +84,12 @@ def _constant(force: ndarray, _: float) -> ndarray:
 
 
 class _Solver:
-    """The model's right side with its fixed parts prepared, and the step size carried over restarts."""
+    """The model's right side with its fixed parts prepared, what is left of the budget, and the step size carried over
+    restarts."""
 
-    def __init__(self, model: "PersidskiiModel", size: float, rtol: float, atol: float) -> None:
+    def __init__(self, model: "PersidskiiModel", size: float, rtol: float, atol: float, budget: int) -> None:
         self.model, self.rtol, self.atol = model, rtol, atol
-        self.cap = STATE_CAP * size
+        self.cap, self.budget = STATE_CAP * size, budget
         self.explicit: RK45 | None = None
         self.force: ndarray | None = None
         self.stiff = False
@@ -83,7 +105,8 @@ class _Solver:
         return self.model.B @ (u - self.model.u_ref) + self.model.b
 
     def drift(self, x: ndarray) -> ndarray:
-        """Return x' without the forcing."""
+        """Return x' without the forcing, and charge the budget for it."""
+        self.budget -= 1
         dx = x - self.model.x_ref
         dot = self.A0 @ dx
         if self.pieces:
@@ -93,16 +116,18 @@ class _Solver:
             dot += self.columns @ y
         return dot
 
-    def step(self, x: ndarray, start: float, stop: float, force: ndarray) -> tuple[ndarray, float | None]:
+    def step(self, x: ndarray, start: float, stop: float, force: ndarray) -> tuple[ndarray, End]:
         """Cross one sample interval by Dormand-Prince steps; hand over to an implicit method where it is stiff."""
         if not self.stiff:
             solver = self._restarted(x, start, stop, force)
             for _ in range(STIFF):
                 solver.step()
-                if solver.status == "failed" or not np.abs(solver.y).max() < self.cap:
-                    return x[None], float(solver.t)
+                if not np.abs(solver.y).max() < self.cap:
+                    return x[None], End(diverged_at=float(solver.t))
                 if solver.status == "finished":
-                    return np.array([x, solver.y]), None
+                    return np.array([x, solver.y]), End()
+                if solver.status == "failed":  # steps shorter than times resolve: stiff, or a divergence
+                    break
             self.stiff = True
         return self.span(x, np.array([start, stop]), partial(_constant, force))
 
@@ -119,20 +144,24 @@ class _Solver:
         solver.y, solver.f = x, solver.fun(start, x)
         return solver
 
-    def span(self, x: ndarray, t: ndarray, force: Callable[[float], ndarray]) -> tuple[ndarray, float | None]:
-        """Integrate over t, where the input does not jump; return the states at t up to a divergence and its time."""
+    def span(self, x: ndarray, t: ndarray, force: Callable[[float], ndarray]) -> tuple[ndarray, End]:
+        """Integrate over t, where the input does not jump; return the states at t up to an early end, and that end."""
 
         def rate(s: float, y: ndarray) -> ndarray:
             return np.clip(self.drift(y) + force(s), -HUGE, HUGE)
 
         solver = LSODA(rate, t[0], x, t[-1], rtol=self.rtol, atol=self.atol)
-        states, k = [x[None]], 1
+        states, k, still = [x[None]], 1, 0
         while k < len(t):
+            before = solver.t
             solver.step()
-            if solver.status == "failed" or not np.abs(solver.y).max() < self.cap:
-                return np.concatenate(states), float(solver.t)
+            still = still + 1 if solver.t == before else 0
+            if not np.abs(solver.y).max() < self.cap or (still and np.abs(rate(before, solver.y)).max() >= HUGE):
+                return np.concatenate(states), End(diverged_at=float(solver.t))
+            if solver.status == "failed" or still >= STANDSTILL or self.budget <= 0:
+                return np.concatenate(states), End(stopped_at=float(solver.t))
             reached = int(np.searchsorted(t, solver.t, side="right"))
             if reached > k:
                 states.append(solver.dense_output()(t[k:reached]).T)
                 k = reached
-        return np.concatenate(states), None
+        return np.concatenate(states), End()
