@@ -15,11 +15,12 @@ CHECKER = SOURCE.parent / "persid_check"
 
 # A module may import what stands before it; modules of one line do not import each other.
 ORDER = """
-errors files
+errors files extras
 functions trajectories
-readers integrate
+readers integrate drift algebra
+labelled compiled
 model
-equations basis
+equations basis sindy
 structure freerun
 gram
 derivatives weak koopman validation refine
@@ -47,7 +48,11 @@ studies
 fit_commands proof_commands result_commands
 cli
 """
-DEFERRED = {("trajectories", "readers")}  # Trajectories.from_dataframe asks the reader, when it is called
+DEFERRED = {  # a method asks the module when it is called
+    ("trajectories", "readers"),
+    ("trajectories", "labelled"),
+    ("model", "interop"),
+}
 OUTSIDE = {"__init__", "__main__"}
 
 

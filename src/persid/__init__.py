@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from persid.obstruction import Obstruction as Obstruction
     from persid.readers import read_csv as read_csv
     from persid.readers import read_parquet as read_parquet
+    from persid.sindy import from_pysindy as from_pysindy
     from persid.trajectories import Trajectories as Trajectories
     from persid.trajectories import Trajectory as Trajectory
     from persid.witness import Witness as Witness
@@ -48,6 +49,7 @@ _HOMES = {
     "persid.model": ("PersidskiiModel", "load_model"),
     "persid.obstruction": ("Obstruction",),
     "persid.readers": ("read_csv", "read_parquet"),
+    "persid.sindy": ("from_pysindy",),
     "persid.trajectories": ("Trajectories", "Trajectory"),
     "persid.witness": ("Witness",),
     "persid_check": ("Accepted", "Malformed", "Rejected"),
@@ -80,6 +82,7 @@ __all__ = [
     "check",
     "equations",
     "find_operating_point",
+    "from_pysindy",
     "load_certificate",
     "load_model",
     "plots",

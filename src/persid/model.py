@@ -1,7 +1,7 @@
 """PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -176,6 +176,56 @@ class PersidskiiModel:
             u = np.asarray(u, float)
             u = _array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
         return Trajectories((integrate(self, x0, t, u, rtol, atol),), self.states, self.inputs)
+
+    def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
+        """Return rhs(t, x, u=None), x' for one state (n,) and input (m,), u = None meaning u_ref, for SciPy's solvers.
+
+        With `jit` it is a Numba function, compiled at its first call (about 1 s), that other Numba code may call.
+
+        Raises:
+            ImportError: `jit` without Numba; it comes with persid[interop].
+        """
+        from persid.interop import to_callable
+
+        return to_callable(self, jit)
+
+    def to_control(self, name: str | None = None) -> Any:
+        """Return a continuous-time control.NonlinearIOSystem with the model's names; its outputs are the states.
+
+        Raises:
+            ImportError: python-control is not installed; it comes with persid[interop].
+        """
+        from persid.interop import to_control
+
+        return to_control(self, name)
+
+    def to_sympy(self, exact: bool = False) -> Any:
+        """Return x' as a sympy.Matrix (n, 1) in symbols named like the states and inputs.
+
+        Numbers are SymPy Floats of the same 53 bits, or with `exact` the rational numbers that the binary64 are.
+
+        Raises:
+            ImportError: SymPy is not installed; it comes with persid[interop].
+        """
+        from persid.interop import to_sympy
+
+        return to_sympy(self, exact)
+
+    def to_latex(self, digits: int = 4) -> str:
+        """Return the equations as one `aligned` environment, numbers rounded to so many significant digits."""
+        from persid.interop import to_latex
+
+        return to_latex(self, digits)
+
+    def to_casadi(self, name: str = "rhs") -> Any:
+        """Return a casadi.Function (x, u) -> x_dot of scalar expressions (SX), to differentiate and optimise with.
+
+        Raises:
+            ImportError: CasADi is not installed; it comes with persid[interop].
+        """
+        from persid.interop import to_casadi
+
+        return to_casadi(self, name)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as the object of `model.json`."""

@@ -13,6 +13,7 @@ from persid.errors import DataError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+    from xarray import Dataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +137,46 @@ class Trajectories(Sequence[Trajectory]):
         from persid.readers import trajectories_of_frames
 
         return trajectories_of_frames(frame, states, inputs, time, dt)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return one table of states and inputs with the index (run, t), t in s; `from_dataframe` reads it back."""
+        from persid.labelled import to_dataframe
+
+        return to_dataframe(self)
+
+    @classmethod
+    def from_xarray(
+        cls,
+        dataset: "Dataset",
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] = (),
+        *,
+        time: str | None = None,
+        run: str | None = None,
+    ) -> "Trajectories":
+        """Return the trajectories of an xarray.Dataset with one variable a state and input.
+
+        `time` names the dimension whose coordinates are times in s (default: the one named t or time), `run` the
+        dimension of the runs where there are several. Then times at which a run holds no number at all are left out,
+        and noted: runs of different times are filled up with them.
+
+        Raises:
+            DataError: dimensions or variables do not fit, or as for `persid.read_csv`.
+            ImportError: xarray is not installed.
+        """
+        from persid.labelled import from_xarray
+
+        return from_xarray(dataset, states, inputs, time, run)
+
+    def to_xarray(self) -> "Dataset":
+        """Return an xarray.Dataset over (run, t), t in s; where the runs have different times, the rest is NaN.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        from persid.labelled import to_xarray
+
+        return to_xarray(self)
 
 
 def _is_run(value: Any) -> bool:
