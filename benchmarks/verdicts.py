@@ -1,6 +1,6 @@
 """Verdicts on models of known truth: named ones, random families, the traffic system, and how sharp the bounds are.
 
-    OMP_NUM_THREADS=1 python benchmarks/verdicts.py [--count 200] [--largest 6] [--only named,families,traffic,bounds]
+    OMP_NUM_THREADS=1 python benchmarks/verdicts.py [--count 200] [--largest 6] [--only named,families,traffic,…]
 
 A verdict counts as right if it is the expected one, and as safe if no model that is not input-to-state stable is
 certified and none that is, is refuted. Results are written to benchmarks/results/verdicts.json.
@@ -27,7 +27,7 @@ sys.path += [str(ROOT / "tests"), str(SHARED)]
 
 from adversaries import worst_ratio  # noqa: E402
 from problems import PROBLEMS  # noqa: E402
-from questions import ASKED, SHARP, TRAFFIC, Case  # noqa: E402
+from questions import ASKED, SEVERAL_INPUTS, SHARP, TRAFFIC, Case  # noqa: E402
 
 UNSTABLE = ("unstable_origin", "cooperative_bistable", "saturated")
 
@@ -138,12 +138,34 @@ def sharpness() -> list[dict[str, Any]]:
     return rows
 
 
+def gains_of_each_input() -> list[dict[str, Any]]:
+    """Compare the bound with adversaries that use one input alone, and all at once, at |u_l - u_l*| <= size_l."""
+    rows = []
+    print(f"\n{'model':28s} {'input':>6s} {'joint gain':>10s} {'gain':>8s} {'max |x|/bound':>13s} {'bound/worst':>11s}")
+    for name, arguments in SEVERAL_INPUTS.items():
+        model = ps.PersidskiiModel(**arguments)
+        joint, each = (ps.certify(model, gains=gains, time_limit=60) for gains in ("joint", "each"))
+        if not (isinstance(joint, ps.Certified) and isinstance(each, ps.Certified)):
+            print(f"{name:28s} {joint} {each}")
+            continue
+        found, sizes = each.certificate, 1 / np.linalg.norm(model.B, axis=0)
+        starts = found.operating_point + np.vstack([np.zeros(model.n), np.eye(model.n), -3 * np.eye(model.n)])
+        for k in [*range(model.m), None]:
+            u_sup = sizes if k is None else np.where(np.arange(model.m) == k, sizes, 0.0)
+            largest, ratio = worst_ratio(found, starts, u_sup, T=8 / found.rate, steps=2000)
+            which, gain = ("all", np.nan) if k is None else (f"u{k + 1}", float(found.gains[k]))
+            rows.append({"name": name, "input": which, "joint": joint.certificate.gain, "gain": gain,
+                         "largest": largest, "ratio": ratio})  # fmt: skip
+            print(f"{name:28s} {which:>6s} {joint.certificate.gain:10.3f} {gain:8.3f} {largest:13.3f} {ratio:11.2f}")
+    return rows
+
+
 def main() -> None:
     """Print the tables and write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200, help="models of each random family and size")
     parser.add_argument("--largest", type=int, default=6, help="number of states up to which families are drawn")
-    parser.add_argument("--only", default="named,traffic,bounds,families", help="parts, separated by commas")
+    parser.add_argument("--only", default="named,traffic,bounds,gains,families", help="parts, separated by commas")
     chosen = parser.parse_args()
     path = ROOT / "benchmarks" / "results" / "verdicts.json"
     results = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -151,6 +173,7 @@ def main() -> None:
         "named": named,
         "traffic": traffic,
         "bounds": sharpness,
+        "gains": gains_of_each_input,
         "families": lambda: random_families(chosen.count, chosen.largest),
     }
     for part in chosen.only.split(","):

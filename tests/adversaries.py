@@ -11,16 +11,16 @@ from persid.model import PersidskiiModel
 Policy = Callable[[float, ndarray], ndarray]  # v = u - u*, (N, m), of the time in s and of states (N, n)
 
 
-def policies(certificate: Certificate, model: PersidskiiModel, u_sup: float) -> dict[str, Policy]:
-    """Return the adversaries with |u - u*| = u_sup, each for many states at once."""
+def policies(certificate: Certificate, model: PersidskiiModel, u_sup: float | ndarray) -> dict[str, Policy]:
+    """Return the adversaries with |u - u*| = u_sup, or |u_l - u_l*| = u_sup[l] each, for many states at once."""
     m, rate = model.m, float(np.abs(np.linalg.eigvals(model.jacobian(certificate.operating_point))).max())
+    all_alike = u_sup / np.sqrt(m) * np.ones(m) if np.ndim(u_sup) == 0 else np.asarray(u_sup)
     found: dict[str, Policy] = {}
     for sign in (1.0, -1.0):
-        unit = sign * np.full(m, u_sup / np.sqrt(m))
-        found[f"constant {sign:+.0f}"] = lambda t, x, unit=unit: np.tile(unit, (len(x), 1))
+        found[f"constant {sign:+.0f}"] = lambda t, x, unit=sign * all_alike: np.tile(unit, (len(x), 1))
     for k, period in enumerate((1.0, 4.0, 16.0)):
-        found[f"square {k}"] = lambda t, x, w=np.pi * rate / period: np.full(
-            (len(x), m), u_sup / np.sqrt(m) * (1.0 if np.sin(w * t) >= 0 else -1.0)
+        found[f"square {k}"] = lambda t, x, w=np.pi * rate / period: np.tile(
+            all_alike * (1.0 if np.sin(w * t) >= 0 else -1.0), (len(x), 1)
         )
     found["greedy V"] = lambda t, x: _towards(gradient(certificate, x) @ model.B, u_sup)
     found["greedy x"] = lambda t, x: _towards((x - certificate.operating_point) @ model.B, u_sup)
@@ -53,12 +53,16 @@ def runs(
     return h * np.arange(steps + 1), np.array(states)
 
 
-def _towards(direction: ndarray, u_sup: float) -> ndarray:
+def _towards(direction: ndarray, u_sup: float | ndarray) -> ndarray:
+    if np.ndim(u_sup):
+        return u_sup * np.where(direction >= 0, 1.0, -1.0)
     size = np.linalg.norm(direction, axis=1, keepdims=True)
     return u_sup * np.divide(direction, size, out=np.ones_like(direction) / np.sqrt(direction.shape[1]), where=size > 0)
 
 
-def worst_ratio(certificate: Certificate, x0: ndarray, u_sup: float, T: float, steps: int) -> tuple[float, float]:
+def worst_ratio(
+    certificate: Certificate, x0: ndarray, u_sup: float | ndarray, T: float, steps: int
+) -> tuple[float, float]:
     """Return the largest |x(t) - x*| / bound(t), and bound / worst |x(t) - x*| over the last half of the time.
 
     The first must stay below 1; the second says how sharp the steady part of the bound is.
@@ -73,4 +77,5 @@ def worst_ratio(certificate: Certificate, x0: ndarray, u_sup: float, T: float, s
             bounds = np.stack([certificate.bound(start, u_sup, t) for start in x0], axis=1)
         largest = max(largest, float((size / bounds).max()))
         late = max(late, float(size[steps // 2 :].max()))
-    return largest, (certificate.gain or np.nan) * u_sup / late if late > 0 else np.nan
+    steady = certificate.bound(certificate.operating_point, u_sup, [1e3 / (certificate.rate or np.nan)])[0]
+    return largest, steady / late if late > 0 else np.nan

@@ -90,3 +90,17 @@ SHARP: dict[str, dict[str, Any]] = {
     "constant force": {"A0": [[-1.0, 0.5], [0.0, -1.0]], "terms": [("x**3", None, -0.2 * np.eye(2))],
                        "B": [[1.0], [1.0]], "b": [1.0, -0.5]},
 }  # fmt: skip
+
+SEVERAL_INPUTS: dict[str, dict[str, Any]] = {
+    "one state, two inputs": _one({"tanh(x)": -1.0}, -1.0) | {"B": [[1.0, 1.0]]},
+    "inputs of different units": {"A0": [[-1.0, 0.3], [-0.4, -1.2]],
+                                  "terms": [("x**3", None, [[-0.5, 0.1], [0.2, -0.6]]),
+                                            ("tanh(x)", None, [[-0.2, 0.1], [0.1, -0.3]])],
+                                  "B": [[1.0, 0.002], [0.3, 0.005]]},
+    "an input a state": {"A0": [[-0.5, 0.4], [-0.4, -2.0]],
+                         "terms": [("sinh(x)", None, -0.5 * np.eye(2)), ("tanh(x)", None, 0.2 * np.eye(2))],
+                         "B": np.eye(2)},
+    "oscillator, force and drift": {"A0": [[0.0, 1.0], [-1.0, -1.0]],
+                                    "terms": [("tanh(x)", [[1.0, 0.0]], [[0.0], [-0.5]])],
+                                    "B": [[0.0, 0.1], [1.0, 0.0]]},
+}  # fmt: skip

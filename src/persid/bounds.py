@@ -2,7 +2,9 @@
 
 For every input, and every x(0) for which the claim holds, it says
 
-    |x(t) - x*| <= sqrt(V(x(0)) / p) exp(-kappa t / 2) + sqrt(gamma / (kappa p)) sup|u - u*|.
+    |x(t) - x*| <= sqrt(V(x(0)) / p) exp(-kappa t / 2) + sqrt(sup v'Gamma v / (kappa p)),     v = u - u*,
+
+where Gamma = gamma I, or a matrix that gives each input its own gain. Where b counts as one more input, v ends with 1.
 """
 
 import math
@@ -11,7 +13,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from flint import arb, ctx, fmpq
+from flint import arb, arb_mat, ctx, fmpq
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -46,8 +48,48 @@ def above(ball: arb) -> float:
 
 
 def gain(content: Mapping[str, Any]) -> arb:
-    """Return sqrt(gamma / (kappa p)) of a certificate's content."""
-    return _ball(exact(content["gamma"]) / (exact(content["kappa"]) * exact(content["p"]))).sqrt()
+    """Return the gain from sup|v| to |x - x*|: the root of the largest eigenvalue of Gamma over kappa p."""
+    with ctx.workprec(BITS):
+        return (_largest_eigenvalue(content["gamma"]) / _unit(content)).sqrt()
+
+
+def gains(content: Mapping[str, Any], width: int) -> list[arb]:
+    """Return the gain from sup|v_l| to |x - x*| for each of `width` inputs."""
+    with ctx.workprec(BITS):
+        return [(_ball(coupling(content, width)[k][k]) / _unit(content)).sqrt() for k in range(width)]
+
+
+def coupling(content: Mapping[str, Any], width: int) -> list[list[Fraction]]:
+    """Return Gamma for `width` inputs."""
+    stored = content["gamma"]
+    if not isinstance(stored, dict):
+        return [[exact(stored) if i == j else Fraction(0) for j in range(width)] for i in range(width)]
+    rows = stored["lower"]
+    return [[exact(rows[max(i, j)][min(i, j)]) for j in range(width)] for i in range(width)]
+
+
+def supply(content: Mapping[str, Any], sizes: Sequence[float]) -> Fraction:
+    """Return an upper bound of v'Gamma v for |v_l| <= sizes[l]: each term has the sign that is worst."""
+    s = [Fraction(float(size)) for size in sizes]
+    Gamma = coupling(content, len(s))
+    return sum((abs(Gamma[i][j]) * a * b for i, a in enumerate(s) for j, b in enumerate(s)), Fraction(0))
+
+
+def _largest_eigenvalue(stored: Any) -> arb:
+    """Return an upper bound, to 0.1 %: (tr Gamma^k)^(1/k) for Gamma > 0, k a power of two."""
+    if not isinstance(stored, dict):
+        return _ball(exact(stored))
+    width, squarings = len(stored["lower"]), 12
+    Gamma = coupling({"gamma": stored}, width)
+    entries = [arb(fmpq(v.numerator, v.denominator)) for row in Gamma for v in row]
+    M = arb_mat(width, width, entries)
+    for _ in range(squarings):
+        M = M * M
+    return M.trace().upper() ** (arb(1) / 2**squarings) if width else arb(0)
+
+
+def _unit(content: Mapping[str, Any]) -> arb:
+    return _ball(exact(content["kappa"]) * exact(content["p"]))
 
 
 def overshoot(content: Mapping[str, Any], x0: Float[ndarray, " n"]) -> arb:
@@ -58,12 +100,15 @@ def overshoot(content: Mapping[str, Any], x0: Float[ndarray, " n"]) -> arb:
 
 
 def bound(
-    content: Mapping[str, Any], x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray, " N"]
+    content: Mapping[str, Any], x0: Float[ndarray, " n"], u_sup: float | Sequence[float], t: Float[ndarray, " N"]
 ) -> Float[ndarray, " N"]:
-    """Return the bound of |x(t) - x*| at times t (s) for inputs with sup|u - u*| <= u_sup."""
+    """Return the bound of |x(t) - x*| at times t (s) for inputs with sup|v| <= u_sup, or sup|v_l| <= u_sup[l] each."""
     with ctx.workprec(BITS):
         start, rate = overshoot(content, x0), _ball(exact(content["kappa"]) / 2)
-        steady = gain(content) * arb(float(u_sup))
+        if isinstance(u_sup, float):
+            steady = gain(content) * arb(u_sup)
+        else:
+            steady = (_ball(supply(content, u_sup)) / _unit(content)).sqrt()
         return np.array([above(start * (-rate * arb(float(s))).exp() + steady) for s in t])
 
 

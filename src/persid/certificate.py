@@ -100,6 +100,17 @@ class Certificate:
         return bounds.above(bounds.gain(self.content)) if self.claim in ("E", "R") else None
 
     @property
+    def gains(self) -> Float[ndarray, " m"] | None:
+        """The gain from sup|u_l - u_l*| to |x - x*| of each input, rounded up: their parts of the bound add up.
+
+        All equal `gain` unless the certificate was made with gains="each". None for claims G and M.
+        """
+        if self.claim not in ("E", "R"):
+            return None
+        found = bounds.gains(self.content, self.model.m + self._counts_b)
+        return np.array([bounds.above(ball) for ball in found[: self.model.m]])
+
+    @property
     def input_bound(self) -> float | None:
         """The admissible sup|u - u*| of a regional claim, rounded down; None for global claims."""
         return bounds.below(bounds.exact(self.content["input_bound"])) if self.claim == "R" else None
@@ -117,23 +128,45 @@ class Certificate:
         """
         return bounds.above(bounds.overshoot(self.content, self._start(x0)))
 
-    def bound(self, x0: Any, u_sup: float, t: Any) -> Float[ndarray, " N"]:
+    def bound(self, x0: Any, u_sup: Any, t: Any) -> Float[ndarray, " N"]:
         """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
 
-        Rounded outwards, in the user's units; where b counts as one more input (no operating point), it is included.
+        Where u_sup is a vector (m,), it bounds each input apart: sup|u_l - u_l*| <= u_sup[l]. Rounded outwards, in the
+        user's units; where b counts as one more input (no operating point), it is included.
 
         Raises:
             PersidError: the claim has no rate, x0 lies outside the certified region, or u_sup exceeds its input bound.
             ModelError: x0, u_sup or t is no state, no size of an input, or no times from 0 on.
         """
-        x0, t = self._start(x0), np.atleast_1d(np.asarray(t, float))
-        if not (0 <= u_sup < np.inf and (t >= 0).all()):
+        x0, t, u_sup = self._start(x0), np.atleast_1d(np.asarray(t, float)), np.asarray(u_sup, float)
+        if not (np.isfinite(u_sup).all() and (u_sup >= 0).all() and np.isfinite(t).all() and (t >= 0).all()):
             raise ModelError(f"sup|u - u*| = {u_sup} and the times t must be finite and at least 0")
-        if self.input_bound is not None and u_sup > self.input_bound:
-            raise PersidError(f"sup|u - u*| = {u_sup:g} exceeds the {self.input_bound:g} that the certificate admits")
-        if self.content["operating_point"] is None and self.model.b.any():
-            u_sup = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf))
-        return bounds.bound(self.content, x0, float(u_sup), t)
+        if u_sup.shape not in ((), (self.model.m,)):
+            raise ModelError(
+                f"u_sup has shape {u_sup.shape}; needed is a number, or one for each of {self.model.m} inputs"
+            )
+        if not self._admits(u_sup):
+            raise PersidError(
+                f"sup|u - u*| = {u_sup.tolist()} exceeds what the certificate admits: {self.input_bound:g} for |u - u*|"
+            )
+        if u_sup.ndim:
+            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self._counts_b], t)
+        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self._counts_b else float(u_sup)
+        return bounds.bound(self.content, x0, joint, t)
+
+    @property
+    def _counts_b(self) -> bool:
+        """Whether the constant b counts as one more input, held at 1."""
+        return self.content["operating_point"] is None and bool(self.model.b.any())
+
+    def _admits(self, u_sup: ndarray) -> bool:
+        """Whether a region stays invariant for inputs of this size: v'Gamma v <= kappa c."""
+        if self.input_bound is None:
+            return True
+        if not u_sup.ndim:
+            return bool(u_sup <= self.input_bound)
+        limit = bounds.exact(self.content["kappa"]) * bounds.exact(self.content["level"])
+        return bounds.supply(self.content, u_sup.tolist()) <= limit
 
     def _start(self, x0: Any) -> ndarray:
         """Return x0 as a state from which the estimate holds."""

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
 from typing import Any, NoReturn
@@ -155,6 +155,7 @@ def certify(
     operating_point: Any = "auto",
     u_op: Any = None,
     domain: Any = "global",
+    gains: str = "joint",
     time_limit: float = 60.0,
     progress: Progress | None = None,
 ) -> Verdict:
@@ -168,6 +169,8 @@ def certify(
         operating_point: "auto" (the equilibrium nearest to x_ref) or a state; the equilibrium nearest to it is meant.
         u_op: the nominal constant input, (m,), default u_ref.
         domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
+        gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
+            where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
         time_limit: seconds after which the search stops with what it has.
         progress: is called with a line of text at each step.
 
@@ -180,27 +183,40 @@ def certify(
     """
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
+    if gains not in ("joint", "each"):
+        raise ModelError(f'gains is "joint" or "each", not {gains!r}')
     log = _Log(time.perf_counter() + time_limit, progress or (lambda line: None))
     near, box = _near(model, operating_point), _box(model, domain)
     u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
     try:
-        return _decide(model, near, u, box, log)
+        return _decide(_Asked(model, near, u, box, gains == "each"), log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
 
 
-def _decide(model: PersidskiiModel, near: ndarray | None, u: ndarray, box: ndarray | None, log: "_Log") -> Verdict:
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A question: the model at input u near a state (None: x_ref), in a box (None: globally), a gain for each input."""
+
+    model: PersidskiiModel
+    near: ndarray | None
+    u: ndarray
+    box: ndarray | None
+    each: bool
+
+
+def _decide(asked: _Asked, log: _Log) -> Verdict:
     """Answer the global question, unless a box is given; then the regional one, where there is a box."""
     with log.attempt("equilibria at the nominal input") as outcome:
-        points = find_operating_point(model, u, near=near)
+        points = find_operating_point(asked.model, asked.u, near=asked.near)
         outcome.append(f"{len(points)} found and proved")
-    verdict = None if box is not None else _global(model, points, u, log)
+    verdict = None if asked.box is not None else _global(asked, points, log)
     if isinstance(verdict, Certified | Refuted):
         return verdict
-    box = model.domain if box is None else box
-    regional = verdict if box is None else _regional(model, points, box, log)
+    box = asked.model.domain if asked.box is None else asked.box
+    regional = verdict if box is None else _regional(asked, points, box, log)
     if isinstance(regional, Certificate):
         return Certified(regional, tuple(log.attempts))
     failure = verdict or regional or _FAILURES[Status.TIME]
@@ -231,12 +247,10 @@ def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
     return box
 
 
-def _global(
-    model: PersidskiiModel, points: tuple[OperatingPoint, ...], u: ndarray, log: "_Log"
-) -> Certified | Refuted | _Failure:
+def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: _Log) -> Certified | Refuted | _Failure:
     """Refute if that is cheap; else try a diagonal P, then a full P where the size allows it."""
     with log.attempt("witnesses against stability") as outcome:
-        witness = find_witness(model, u, points)
+        witness = find_witness(asked.model, asked.u, points)
         outcome.append("none" if witness is None else witness.kind)
     if witness is not None:
         return Refuted(witness, tuple(log.attempts))
@@ -244,14 +258,14 @@ def _global(
         return _Failure(Reason.OUTSIDE, _NO_POINT)
     if log.left() <= 0:
         return _FAILURES[Status.TIME]
-    setting, failure = Setting.of(model, points[0]), _FAILURES[Status.TIME]
-    for kind in _kinds(model):
+    setting, failure = Setting.of(asked.model, points[0]), _FAILURES[Status.TIME]
+    for kind in _kinds(asked.model):
         with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
             answer = _settled(setting, partial(_margin, setting, kind == "full", log), log)
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             log.best = answer
-            return Certified(_rated(setting, kind == "full", answer, log), tuple(log.attempts))
+            return Certified(_rated(asked, setting, kind == "full", answer, log), tuple(log.attempts))
         failure = answer
     return failure
 
@@ -260,19 +274,17 @@ def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
     return ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
 
 
-def _rated(setting: Setting, full_P: bool, certificate: Certificate, log: _Log) -> Certificate:
+def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certificate, log: _Log) -> Certificate:
     """Return a certificate with rate and gain (claim E) where there is one and time for it, else the one given."""
     if certificate.claim == "M" or setting.model.n > RATED_STATES or log.left() <= 0:
         return certificate
     with log.attempt("rate and gain") as outcome:
-        answer = _settled(setting, partial(_rate_and_gain, setting, full_P, None, log), log)
+        answer = _settled(setting, partial(_rate_and_gain, asked, setting, full_P, None, log), log)
         outcome.append(_word(answer))
     return answer if isinstance(answer, Certificate) else certificate
 
 
-def _regional(
-    model: PersidskiiModel, points: tuple[OperatingPoint, ...], box: ndarray, log: _Log
-) -> Certificate | _Failure:
+def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, log: _Log) -> Certificate | _Failure:
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
     answer = _Failure(Reason.OUTSIDE, "No equilibrium at the nominal input was found and proved inside the box.")
     for point in points:
@@ -281,10 +293,10 @@ def _regional(
             continue
         if log.left() <= 0:
             return _FAILURES[Status.TIME]
-        setting = Setting.of(model, point, box)
-        for kind in _kinds(model):
+        setting = Setting.of(asked.model, point, box)
+        for kind in _kinds(asked.model):
             with log.attempt(f"region in the box, {kind} P") as outcome:
-                tried = _settled(setting, partial(_rate_and_gain, setting, kind == "full", reach, log), log)
+                tried = _settled(setting, partial(_rate_and_gain, asked, setting, kind == "full", reach, log), log)
                 outcome.append(_word(tried))
             if isinstance(tried, Certificate):
                 return tried
@@ -331,7 +343,9 @@ def _margin(setting: Setting, full_P: bool, log: _Log) -> Lyapunov | _Failure:
     return _FAILURES.get(found.status, _FAILURES[Status.STALLED])
 
 
-def _rate_and_gain(setting: Setting, full_P: bool, reach: ndarray | None, log: _Log) -> Lyapunov | _Failure:
+def _rate_and_gain(
+    asked: _Asked, setting: Setting, full_P: bool, reach: ndarray | None, log: _Log
+) -> Lyapunov | _Failure:
     """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate."""
     fastest = -2 * float(np.linalg.eigvals(setting.jacobian).real.max())
     if fastest <= 0:
@@ -339,12 +353,15 @@ def _rate_and_gain(setting: Setting, full_P: bool, reach: ndarray | None, log: _
     system, shape = setting.system, None if reach is None else 1 / reach**2
     if len(system.states) < system.n:  # claims E and R keep every state; no form lets this one be kept
         return _FAILURES[Status.INFEASIBLE]
+    units = setting.units if asked.each else None
+    if units is not None:
+        system = replace(system, B=system.B * units)
     question = Question(system, setting.pools, setting.upper, setting.below, full_P, shape)
     best = best_rate(question, fastest, log.left)
     if best is None:
         return _FAILURES[Status.TIME if log.left() <= 0 else Status.INFEASIBLE]
     gentle = smallest_gain(question, RATE_SHARE * best.assembly.target.kappa, best, log.left) or best
-    return choose(gentle.assembly, gentle.solution.y, setting.lower)
+    return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
 
 
 _TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."

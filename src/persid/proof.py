@@ -1,7 +1,7 @@
 """From a solution in floating point to the bytes of a certificate: choose what is used, round, factor, write."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -41,6 +41,7 @@ class Lyapunov:
     P: Float[ndarray, "n n"]
     chosen: tuple[Chosen, ...]
     kappa: float
+    units: Float[ndarray, " m"] | None = None  # of the inputs of `system`, where each has its own gain: u = units v
 
     @cached_property
     def E(self) -> Float[ndarray, "N n"]:
@@ -88,6 +89,19 @@ class Lyapunov:
         return -_floor(-max(float(np.linalg.eigvalsh((scale[:, None] * EB).T @ solved)[-1]), 1e-300))
 
     @property
+    def coupling(self) -> Float[ndarray, "m m"]:
+        """A symmetric Gamma for which that block is positive definite: (EB)'(-Q - kappa W)^-1 EB and a little more.
+
+        Its diagonal holds the gains of single inputs, squared; one that does nothing is given a tiny gain.
+        """
+        scale = 1 / np.sqrt(np.diag(self.decrease))
+        EB = scale[:, None] * self.E @ self.system.B
+        least = EB.T @ np.linalg.solve(scale[:, None] * self.decrease * scale, EB)
+        sizes = np.diag(least)
+        floor = 1e-18 * (sizes.max(initial=0.0) or 1.0)
+        return (least + least.T) / 2 + np.diag(SLACK * np.maximum(sizes, floor))
+
+    @property
     def depth(self) -> float:
         """The smallest eigenvalue of `below` on the kept states."""
         states = list(self.system.states)
@@ -101,11 +115,14 @@ class Lyapunov:
 
 
 def choose(
-    assembly: Assembly, y: Float[ndarray, " J"], lower: Sequence[Float[ndarray, " K"]] | None = None
+    assembly: Assembly,
+    y: Float[ndarray, " J"],
+    lower: Sequence[Float[ndarray, " K"]] | None = None,
+    units: Float[ndarray, " m"] | None = None,
 ) -> Lyapunov:
     """Return the rounded Lyapunov function of a solution; negligible unknowns go where the margin allows it.
 
-    `lower` gives the constants d of each group's forms (claim R).
+    `lower` gives the constants d of each group's forms (claim R), `units` those of the inputs (a gain for each).
 
     Raises:
         RoundingError: the rounded numbers do not satisfy the inequalities.
@@ -118,8 +135,8 @@ def choose(
         sparse[: assembly.problem.free] = y[: assembly.problem.free]
         leaner = _lyapunov(assembly, sparse, lower)
         if leaner.is_sound and leaner.gamma <= LOSS * complete.gamma and leaner.depth >= complete.depth / LOSS:
-            return leaner
-    return complete
+            return replace(leaner, units=units)
+    return replace(complete, units=units)
 
 
 def _lyapunov(assembly: Assembly, y: ndarray, lower: Sequence[ndarray] | None) -> Lyapunov:
@@ -167,9 +184,8 @@ def write(
     system, states = lyapunov.system, list(lyapunov.system.states)
     rate, regional = lyapunov.kappa > 0, box is not None
     claim = "R" if regional else "E" if rate else "G" if len(states) == model.n else "M"
-    gamma = lyapunov.gamma
-    side = -lyapunov.E @ system.B
-    block = np.block([[lyapunov.decrease, side], [side.T, gamma * np.eye(side.shape[1])]])
+    side, Gamma, gamma = _inputs(lyapunov)
+    block = np.block([[lyapunov.decrease, side], [side.T, Gamma]])
     below = lyapunov.below[np.ix_(states, states)]
     p = _floor(np.linalg.eigvalsh(below)[0]) if rate else 0.0
     content: dict[str, Any] = {
@@ -182,16 +198,32 @@ def write(
         "P": _stored(lyapunov.P),
         "groups": [_group(group, part, claim) for group, part in zip(system.groups, lyapunov.chosen, strict=True)],
         "dropped": [i for i in range(model.n) if i not in states] + _absent(model, system),
-        "gamma": dyadic(gamma),
+        "gamma": gamma,
     }
     if rate:
         content |= {"kappa": dyadic(lyapunov.kappa), "p": dyadic(p)}
     if box is not None and reach is not None:
         level = _floor(float((reach**2 / np.diag(np.linalg.inv(below))).min()))
-        bound = _floor(np.sqrt(lyapunov.kappa * level / gamma))
+        bound = _floor(np.sqrt(lyapunov.kappa * level / _largest(Gamma)))
         content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
     content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
     return encode(content)
+
+
+def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, Any]:
+    """Return -E B and Gamma in the user's units, and Gamma as the file has it: gamma I, or a matrix."""
+    side = -lyapunov.E @ lyapunov.system.B
+    if lyapunov.units is None:
+        return side, lyapunov.gamma * np.eye(side.shape[1]), dyadic(lyapunov.gamma)
+    Gamma = rounded(lyapunov.coupling / lyapunov.units / lyapunov.units[:, None])
+    return side / lyapunov.units, Gamma, {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}
+
+
+def _largest(Gamma: ndarray) -> float:
+    """Return what the checker takes for the largest eigenvalue: (tr Gamma^16)^(1/16); exact for gamma I."""
+    if not Gamma.size or np.array_equal(Gamma, Gamma[0, 0] * np.eye(len(Gamma))):
+        return float(Gamma[0, 0]) if Gamma.size else 1.0
+    return float((np.linalg.eigvalsh(Gamma) ** 16).sum() ** (1 / 16))
 
 
 def _floor(number: float) -> float:

@@ -62,6 +62,16 @@ class Setting:
         return self.model.jacobian(self.model.x_ref if self.point is None else self.point.x)
 
     @property
+    def units(self) -> Float[ndarray, " m"]:
+        """Units of the inputs, powers of two, in which each moves the equilibrium of the linearisation by about 1.
+
+        A gain that is small in these units is small for each input, whatever the user's units.
+        """
+        B = self.system.B
+        moved = np.linalg.norm(np.linalg.lstsq(self.jacobian, B, rcond=None)[0], axis=0)
+        return np.exp2(-np.round(np.log2(np.where(moved > 0, moved, 1.0))))
+
+    @property
     def lower(self) -> list[ndarray]:
         """The constants d of the forms of each group."""
         return [self.below[group.curve] for group in self.found]

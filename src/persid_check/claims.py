@@ -10,7 +10,7 @@ from persid_check import sentences
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, blocks, diagonal, is_positive_definite
 from persid_check.format import GroupProof, Stability
-from persid_check.inequality import Inequality, assemble, density, quadratic_form
+from persid_check.inequality import Inequality, assemble, density, gamma_matrix, quadratic_form
 from persid_check.model import Group
 from persid_check.prover import (
     Curve,
@@ -70,7 +70,7 @@ def _signs(claim: Stability) -> None:
             raise NotProvedError(f"groups[{g}].mu", "a multiplier is negative")
         if any(tau < 0 for _, _, tau in proof.products):
             raise NotProvedError(f"groups[{g}].products", "a multiplier is negative")
-    if claim.gamma <= 0:
+    if isinstance(claim.gamma, Fraction) and claim.gamma <= 0:  # a matrix is proved positive with the block
         raise NotProvedError("gamma", "it must be positive")
     if claim.subject.claim in ("E", "R") and (claim.kappa <= 0 or claim.p <= 0):
         raise NotProvedError("kappa, p", "they must be positive")
@@ -201,14 +201,14 @@ def lower_bound(claim: Stability, matrices: Inequality) -> Matrix:
 
 
 def _block(claim: Stability, matrices: Inequality, kept: list[int]) -> None:
-    """[[-Q - kappa W, -E B], [., gamma I]] > 0 on the kept entries and all inputs."""
+    """[[-Q - kappa W, -E B], [., Gamma]] > 0 on the kept entries and all inputs."""
     negative = -matrices.Q
     if claim.kappa:
         negative = negative + -(diagonal([claim.kappa] * matrices.W.height) * matrices.W)
     inputs = range(matrices.inputs.width)
     corner = negative.kept(kept, kept)
     side = (-(matrices.E * matrices.inputs)).kept(kept, inputs)
-    block = blocks([[corner, side], [side.T, diagonal([claim.gamma] * len(inputs))]])
+    block = blocks([[corner, side], [side.T, gamma_matrix(claim)]])
     if not is_positive_definite(block, claim.proof["Q"]):
         raise NotProvedError("proof.Q", "the matrix inequality is not proved")
 
@@ -251,7 +251,7 @@ def _region(claim: Stability, matrices: Inequality) -> None:
     """V > c on every face of the box: c (Pt^-1)_ii < h_i^2; and gamma ubar^2 <= kappa c."""
     if claim.level <= 0 or claim.input_bound < 0:
         raise NotProvedError("level, input_bound", "the level is positive and the bound of the input not negative")
-    if claim.gamma * claim.input_bound**2 > claim.kappa * claim.level:
+    if not _admits(claim):
         raise NotProvedError("input_bound", "gamma times its square exceeds kappa times the level")
     Pt = lower_bound(claim, matrices)
     if Pt.height > MAX_REGIONAL:
@@ -262,6 +262,17 @@ def _region(claim: Stability, matrices: Inequality) -> None:
         reach = Fraction(int(entry.numer()), int(entry.denom())) * 2**Pt.exponent * claim.level
         if not reach < min(-lo, hi) ** 2:
             raise NotProvedError("level", f"the set V <= level is not proved to keep off the faces of coordinate {i}")
+
+
+def _admits(claim: Stability) -> bool:
+    """gamma ubar^2 <= kappa c; the largest eigenvalue of Gamma > 0 is at most the 16th root of tr Gamma^16."""
+    if isinstance(claim.gamma, Fraction):
+        return claim.gamma * claim.input_bound**2 <= claim.kappa * claim.level
+    power = gamma_matrix(claim)
+    for _ in range(4):
+        power = power * power
+    trace = sum((power.entry(i, i) for i in range(power.height)), Fraction(0))
+    return trace * claim.input_bound**32 <= (claim.kappa * claim.level) ** 16
 
 
 def _holds_everywhere(claim: Stability, settings: list[Setting], spanning: list[Setting]) -> bool:

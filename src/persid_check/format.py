@@ -19,6 +19,7 @@ MAX_ENTRIES = 2500  # of z
 MAX_FACTOR_BITS = 512  # of an entry of T
 
 Factor = tuple[tuple[int, ...], ...]
+Lower = tuple[tuple[Fraction, ...], ...]  # lower rows of a symmetric matrix
 
 
 @dataclass(frozen=True)
@@ -59,15 +60,18 @@ class Subject:
 
 @dataclass(frozen=True)
 class Stability:
-    """Claims G, M, E and R. `P` is a tuple of lower rows, or of the diagonal (one entry a row)."""
+    """Claims G, M, E and R.
+
+    `P` is a tuple of lower rows, or of the diagonal (one entry a row); `gamma` a number, or Gamma's lower rows.
+    """
 
     subject: Subject
     point: Point | None
-    P: tuple[tuple[Fraction, ...], ...]
+    P: Lower
     diagonal: bool
     groups: tuple[GroupProof, ...]
     dropped: tuple[int, ...]
-    gamma: Fraction
+    gamma: Fraction | Lower
     kappa: Fraction
     p: Fraction
     box: tuple[tuple[Fraction, Fraction], ...]
@@ -96,7 +100,7 @@ class Refutation:
     kind: str
     points: tuple[Point, ...]
     vector: tuple[Fraction, ...]
-    S: tuple[tuple[Fraction, ...], ...]
+    S: Lower
     number: Fraction
     factor: Factor
 
@@ -167,7 +171,7 @@ def _stability(subject: Subject, data: Mapping[str, Any]) -> Stability:
         diagonal,
         _group_proofs(data["groups"], subject, _group_fields(claim)),
         _dropped(data["dropped"], size),
-        _dyadic("gamma", data["gamma"]),
+        _gamma(data["gamma"], model.m + (point is None and any(model.b))),
         _dyadic("kappa", data["kappa"]) if rated else Fraction(0),
         _dyadic("p", data["p"]) if rated else Fraction(0),
         _box(data["box"], model.n) if regional else (),
@@ -274,14 +278,20 @@ def _dyadics(where: str, values: Any, size: int | None) -> tuple[Fraction, ...]:
     return tuple(_dyadic(f"{where}[{i}]", value) for i, value in enumerate(_list(where, values, size)))
 
 
-def _lower(where: str, rows: Any, n: int) -> tuple[tuple[Fraction, ...], ...]:
+def _lower(where: str, rows: Any, n: int) -> Lower:
     return tuple(_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(_list(where, rows, n)))
 
 
-def _P(value: Any, n: int) -> tuple[bool, tuple[tuple[Fraction, ...], ...]]:
+def _P(value: Any, n: int) -> tuple[bool, Lower]:
     if isinstance(value, dict) and set(value) == {"diagonal"}:
         return True, tuple((entry,) for entry in _dyadics("P.diagonal", value["diagonal"], n))
     return False, _lower("P.lower", _object("P", value, ("lower",))["lower"], n)
+
+
+def _gamma(value: Any, width: int) -> Fraction | Lower:
+    if isinstance(value, dict):
+        return _lower("gamma.lower", _object("gamma", value, ("lower",))["lower"], width)
+    return _dyadic("gamma", value)
 
 
 def _point(where: str, value: Any, model: Model, u: tuple[Fraction, ...] | None) -> Point:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
-from persid_check.format import GroupProof, Stability
+from persid_check.format import GroupProof, Lower, Stability
 from persid_check.model import Group, Model
 
 Square = list[list[Fraction]]
@@ -45,8 +45,19 @@ def lyapunov_matrix(claim: Stability) -> Matrix:
     """Return P."""
     if claim.diagonal:
         return diagonal([row[0] for row in claim.P])
-    n = len(claim.P)
-    return matrix([[claim.P[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], n)
+    return _symmetric(claim.P)
+
+
+def gamma_matrix(claim: Stability) -> Matrix:
+    """Return Gamma, of the size of the input columns."""
+    if isinstance(claim.gamma, Fraction):
+        return diagonal([claim.gamma] * input_columns(claim).width)
+    return _symmetric(claim.gamma)
+
+
+def _symmetric(lower: Lower) -> Matrix:
+    size = range(len(lower))
+    return matrix([[lower[max(i, j)][min(i, j)] for j in size] for i in size], len(size))
 
 
 def flow_matrix(model: Model) -> Matrix:

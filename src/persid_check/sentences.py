@@ -81,9 +81,8 @@ def _equilibrium(point: Point) -> str:
 def _estimate(claim: Stability) -> list[str]:
     if claim.subject.claim not in ("E", "R"):
         return []
-    rate, gain = decimal(claim.kappa / 2, up=False), root(claim.gamma / (claim.kappa * claim.p))
-    offset = "sup|(u - u*, v)|" if claim.point is None and any(claim.subject.model.b) else "sup|u - u*|"
-    bound = f"|x(t) - x*| <= {root(1 / claim.p)} sqrt(V(x(0))) exp(-{rate} t) + {gain} {offset} for all t >= 0"
+    start = f"{root(1 / claim.p)} sqrt(V(x(0))) exp(-{decimal(claim.kappa / 2, up=False)} t)"
+    bound = f"|x(t) - x*| <= {' + '.join([start, *_gains(claim)])} for all t >= 0"
     if claim.subject.claim == "E":
         return [f"{bound}."]
     sides = ", ".join(f"[{_numbers(side)}]" for side in claim.box[:SHOWN])
@@ -93,6 +92,18 @@ def _estimate(claim: Stability) -> list[str]:
         f"The set of x in the box {sides}{shrunk} with V(x) <= {_numbers((claim.level,))} is invariant for"
         f" inputs with sup|u - u*| <= {decimal(claim.input_bound, up=False)}, and from every x(0) in it {bound}."
     ]
+
+
+def _gains(claim: Stability) -> list[str]:
+    """The parts of the estimate that inputs add: one for all of them, or one for each."""
+    model, unit = claim.subject.model, claim.kappa * claim.p
+    counts_b = claim.point is None and any(model.b)
+    if isinstance(claim.gamma, Fraction):
+        return [f"{root(claim.gamma / unit)} {'sup|(u - u*, v)|' if counts_b else 'sup|u - u*|'}"]
+    gains = [root(row[-1] / unit) for row in claim.gamma]
+    names = [f"sup|{name!r} - u{i}*|" for i, name in enumerate(model.inputs, start=1)] + ["sup|v|"] * counts_b
+    parts = [f"{gain} {name}" for gain, name in zip(gains, names, strict=True)]
+    return parts if len(parts) <= SHOWN else [*parts[:SHOWN], f"... (a part for each of {len(parts)} inputs)"]
 
 
 def stability_steps(
@@ -112,10 +123,13 @@ def stability_steps(
     steps.append(_LOWER_BOUND[name])
     loss = "-Q - kappa W" if name in ("E", "R") else "-Q"
     inputs = model.m + (claim.point is None and any(model.b))
+    joint = isinstance(claim.gamma, Fraction)
+    corner = "gamma I" if joint else "Gamma"
     steps.append(
-        f"[[{loss}, -E B], [-B'E', gamma I]] > 0 of size {len(kept) + inputs}: T M T' is strictly diagonally dominant."
+        f"[[{loss}, -E B], [-B'E', {corner}]] > 0 of size {len(kept) + inputs}: T M T' is strictly diagonally dominant."
     )
-    steps.append(_THEOREM[name])
+    theorem = _THEOREM[name]
+    steps.append(theorem if joint else theorem.replace("gamma |u - u*|^2", "(u - u*)'Gamma (u - u*)"))
     if everywhere:
         steps.append("Every form that is used is nondecreasing on R, so all of it holds about every equilibrium.")
     return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))

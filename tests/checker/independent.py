@@ -148,8 +148,9 @@ def _stability_faults(certificate: dict[str, Any], model: Model) -> list[str]:
     kappa = _number(certificate["kappa"]) if "kappa" in certificate else 0.0
     kept = [i for i in range(size) if i not in certificate["dropped"]]
     loss, side = (-Q - kappa * W)[np.ix_(kept, kept)], -(Et.T @ B)[kept]
-    gamma = _number(certificate["gamma"])
-    found += _indefinite("the inequality", np.block([[loss, side], [side.T, gamma * np.eye(B.shape[1])]]))
+    Gamma = _Gamma(certificate["gamma"], B.shape[1])
+    gamma = max(np.linalg.eigvalsh(Gamma), default=1.0)
+    found += _indefinite("the inequality", np.block([[loss, side], [side.T, Gamma]]))
     states = [i for i in kept if i < n]
     p = _number(certificate["p"]) if "p" in certificate else 0.0
     found += _indefinite("P", Pt[np.ix_(states, states)] - p * np.eye(len(states)))
@@ -162,6 +163,13 @@ def _stability_faults(certificate: dict[str, Any], model: Model) -> list[str]:
     if certificate["claim"] == "R":
         found += _region_faults(certificate, x, Pt, gamma, kappa)
     return found
+
+
+def _Gamma(stored: Any, width: int) -> Array:
+    if isinstance(stored, list):
+        return _number(stored) * np.eye(width)
+    rows = stored["lower"]
+    return np.array([[_number(rows[max(i, j)][min(i, j)]) for j in range(width)] for i in range(width)])
 
 
 def _indefinite(what: str, M: Array) -> list[str]:

@@ -56,6 +56,22 @@ def _rated() -> Certificate:
     return make(Wanted(MIXED, [forms, forms], "E", c=[c, c], kappa=Fraction(1, 2)))
 
 
+def _gains() -> Certificate:
+    """x' = -x + u1 + u2: V = x^2, V' <= -V + (u1 + u2)^2, with Gamma just above [[1, 1], [1, 1]]."""
+    return file(
+        model([], [[-1]], [[1, 1]]), "E", operating_point=None, P={"diagonal": [[1, 0]]}, groups=[], dropped=[],
+        gamma={"lower": [[[33, -5]], [[1, 0], [33, -5]]]}, kappa=[1, 0], p=[7, -3],
+        proof={"P": [[1]], "Q": [[1], [1, 1], [4, 0, 4]]},
+    )  # fmt: skip
+
+
+def _gains_in_a_region() -> Certificate:
+    """The same model in |x| <= 1, with inputs that Gamma admits one by one."""
+    return {**_gains(), "claim": "R", "box": [[[-1, 0], [1, 0]]], "level": [15, -4], "input_bound": [5, -3]} | {
+        "operating_point": {"x": [[0, 0]], "radius": [0, 0], "u": [[0, 0], [0, 0]]}
+    }
+
+
 def _rows() -> Certificate:
     """General rows with two channels in one group, at alpha 1 and 2; the channel of column zero is dropped."""
     return make(Wanted(ROWS, [[X, F1], [(1, 0), (0, 1)]], dropped=(3,)))
@@ -147,6 +163,8 @@ MAKERS: dict[str, Callable[[], Certificate]] = {
     "g_mixed_pair": _pair,
     "m_cubes": _cubes,
     "e_mixed_pair": _rated,
+    "e_gains": _gains,
+    "r_gains": _gains_in_a_region,
     "g_rows_dropped": _rows,
     "r_pendulum": _pendulum,
     "g_full": _full,
