@@ -28,9 +28,9 @@ fitting diagnostics
 identify
 baselines
 bounds
-certificate
+certificate bilinear
 sector equilibrium interior_point barrier network
-system integrals
+system integrals descent
 lmi
 search proof witness
 obstruction setting rates frame
