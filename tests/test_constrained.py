@@ -12,10 +12,12 @@ from sklearn.base import clone
 
 import persid_check
 from persid import cli
-from persid.barrier import Point, Stop, _derivatives, _State, descend
+from persid.barrier import State, derivatives
+from persid.bilinear import Point
 from persid.certificate import value
 from persid.certify import Attempt, Reason, Undecided
 from persid.constrained import CertifiedIdentifier
+from persid.descent import Stop, descend
 from persid.errors import DataError
 from persid.frame import Demand, Frame
 from persid.freerun import free_run_score
@@ -204,15 +206,15 @@ def test_derivatives_of_the_barrier(demand, full_P):
     rng = np.random.default_rng(0)
     K = len(point.w)
     d = np.concatenate([rng.normal(size=K), rng.normal(size=len(point.y)) * np.abs(point.y)])
-    g, H, C = _derivatives(inequality, _State.at(inequality, point))
+    g, H, C = derivatives(inequality, State.at(inequality, point))
     H[:K, K:] += C
     H[K:, :K] += C.T
     h = 1e-5
     ahead, behind = (
-        _State.at(inequality, Point(point.w + s * d[:K], point.y + s * d[K:], point.slack)) for s in (h, -h)
+        State.at(inequality, Point(point.w + s * d[:K], point.y + s * d[K:], point.slack)) for s in (h, -h)
     )
     assert (ahead.barrier - behind.barrier) / (2 * h) == pytest.approx(g @ d, rel=1e-5)
-    change = (_derivatives(inequality, ahead)[0] - _derivatives(inequality, behind)[0]) / (2 * h)
+    change = (derivatives(inequality, ahead)[0] - derivatives(inequality, behind)[0]) / (2 * h)
     assert change == pytest.approx(H @ d, rel=1e-4, abs=1e-5 * np.abs(H @ d).max())
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.barrier import Fit, Inequality, Pairs, Point
+from persid.bilinear import Fit, Inequality, Pairs, Point
 from persid.certificate import rounded
 from persid.equilibrium import OperatingPoint
 from persid.gram import Gram

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.barrier import Descent, Point, Stop, descend
+from persid.bilinear import Point
 from persid.certificate import Certificate, RoundingError
+from persid.descent import Descent, Stop, descend
 from persid.equilibrium import OperatingPoint, find_operating_point, prove
 from persid.frame import Coefficients, Demand, Frame, about
 from persid.gram import Gram
