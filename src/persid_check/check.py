@@ -11,16 +11,21 @@ from persid_check.enclosure import PRECISION
 from persid_check.format import Claimed, Infeasibility, Refutation, read_certificate
 from persid_check.infeasibility import prove_infeasibility
 from persid_check.model import model_sha256, sha256_of
+from persid_check.network import NetworkClaim, NetworkObstruction, prove_network, prove_no_weights, read_network
 from persid_check.refutation import prove_refutation
 from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
 
 Source = bytes | str | Path
+Networked = NetworkClaim | NetworkObstruction
 
 
-def check(source: Source, model: Source | None = None, explain: bool = True) -> Result:
+def check(
+    source: Source, model: Source | None = None, explain: bool = True, *, arrays: bytes | None = None
+) -> Result:
     """Check a certificate: bytes, or the path of a file; with `model`, it must be the certificate's model.
 
-    Never raises for what a file holds. `explain` fills in the steps of an accepted proof.
+    Never raises for what a file holds. `explain` fills in the steps of an accepted proof. The companion of a large
+    network is looked for in the folder of the file, unless its bytes are given as `arrays`.
 
     Raises:
         OSError: a file cannot be read.
@@ -29,8 +34,8 @@ def check(source: Source, model: Source | None = None, explain: bool = True) -> 
     other = None if model is None else _bytes(model)
     try:
         with ctx.workprec(PRECISION):
-            claim = read_certificate(json_text.read(data, floats=False))
-            _same_model(claim, None if other is None else json_text.read(other, floats=True))
+            claim = _read(json_text.read(data, floats=False), _folder(source), arrays)
+            _same_model(claim, None if other is None else json_text.read(other, floats=True), _folder(model))
             statement, steps = _prove(claim)
     except FormatError as error:
         return Malformed(error.where, error.why)
@@ -48,14 +53,27 @@ def _bytes(source: Source) -> bytes:
         return file.read(json_text.MAX_BYTES + 1)
 
 
-def _same_model(claim: Claimed, other: Any) -> None:
+def _folder(source: Source | None) -> Path | None:
+    return None if source is None or isinstance(source, bytes) else Path(source).parent
+
+
+def _read(data: Any, folder: Path | None, arrays: bytes | None) -> Claimed | Networked:
+    is_network = isinstance(data, dict) and data.get("claim") in ("L1", "L1-infeasible")
+    return read_network(data, folder, arrays) if is_network else read_certificate(data)
+
+
+def _same_model(claim: Claimed | Networked, other: Any, folder: Path | None) -> None:
     if sha256_of(claim.subject.form) != claim.subject.sha256:
         raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
-    if other is not None and model_sha256(other) != claim.subject.sha256:
+    if other is not None and model_sha256(other, folder) != claim.subject.sha256:
         raise NotProvedError("model", "the certificate speaks of another model")
 
 
-def _prove(claim: Claimed) -> tuple[str, tuple[str, ...]]:
+def _prove(claim: Claimed | Networked) -> tuple[str, tuple[str, ...]]:
+    if isinstance(claim, NetworkObstruction):
+        return prove_no_weights(claim)
+    if isinstance(claim, NetworkClaim):
+        return prove_network(claim)
     if isinstance(claim, Infeasibility):
         return prove_infeasibility(claim)
     return prove_refutation(claim) if isinstance(claim, Refutation) else prove_stability(claim)

@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
+from persid_check import sparse
 from persid_check.expression import ExpressionError, Program, parse
 from persid_check.results import FormatError
 
@@ -63,16 +65,22 @@ class Model:
         return len(self.inputs)
 
 
-def canonical_model(data: Mapping[str, Any]) -> dict[str, Any]:
+def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
     """Return the canonical form: all fields present, every number a float.hex() string, no provenance.
 
-    A canonical form is returned unchanged.
+    A canonical form is returned unchanged. A large model with sparse matrices, whose companions stand in `folder`, has
+    its arrays' digests instead of numbers (the network form).
 
     Raises:
         FormatError: a field is unknown, missing, of the wrong type or shape; the message names the place.
     """
     if not isinstance(data, Mapping):
         raise FormatError("model", "an object is needed")
+    if sparse.is_sparse(data):
+        model = sparse.read_sparse(data, sparse.gathered(data, folder))
+        if model.n > sparse.FILLED_STATES:
+            return model.form()
+        data = sparse.filled(model)
     _refuse_fields("model", data, (*_FIELDS, "provenance"), _REQUIRED)
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
@@ -95,9 +103,9 @@ def canonical_model(data: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def model_sha256(data: Mapping[str, Any]) -> str:
+def model_sha256(data: Mapping[str, Any], folder: Path | None = None) -> str:
     """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces."""
-    return sha256_of(canonical_model(data))
+    return sha256_of(canonical_model(data, folder))
 
 
 def sha256_of(form: Mapping[str, Any]) -> str:

@@ -1,0 +1,342 @@
+"""Claim L1: V = sum w_k |x_k| decreases along every solution, proved node by node over generators of small cones.
+
+The specification, with its proof, is in docs/certificate-format.md.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from persid_check import companion, network_sentences
+from persid_check.cone import Vector, generators
+from persid_check.expression import ExpressionError, parse
+from persid_check.format import _COMMON, FORMAT, MAX_FORMS, _dyadic, _dyadics, _fields, _index, _list, _object, _text
+from persid_check.model import Model, canonical_model, model_of
+from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes, nodes_of
+from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
+from persid_check.results import FormatError, NotProvedError
+from persid_check.sparse import SparseModel, is_sparse, read_sparse
+from persid_check.table import Table, doubtful, table_of, table_of_sparse
+
+if TYPE_CHECKING:
+    from numpy import ndarray
+
+EXACT_WORK = 500_000  # coefficients times generators that are worth checking in fractions, without NumPy
+MAX_KINDS = 100_000
+MAX_DOUBTFUL = 20_000  # columns redone in fractions
+
+Forms = tuple[tuple[Fraction, ...], ...]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The forms of the nodes with one list of functions; with an infeasible claim, the rays that they choose from."""
+
+    functions: Functions
+    forms: Forms
+    rays: Forms = ()
+
+
+@dataclass(frozen=True)
+class NetworkSubject:
+    """What the file is about: its claim, the model's canonical form and its nodes."""
+
+    claim: str
+    sha256: str
+    form: Mapping[str, Any]
+    model: Model | SparseModel
+    nodes: Nodes | Table
+    arrays: companion.Arrays
+
+
+@dataclass(frozen=True)
+class NetworkClaim:
+    """Claim L1: weights w and rate kappa, about x_ref or (`every`) about the equilibrium of every constant input."""
+
+    subject: NetworkSubject
+    every: bool
+    kinds: tuple[Kind, ...]
+    weights: "Sequence[Fraction] | ndarray"
+    kappa: Fraction
+
+
+@dataclass(frozen=True)
+class NetworkObstruction:
+    """Claim "L1-infeasible": z >= 0 and a ray for each node with M z >= 0."""
+
+    subject: NetworkSubject
+    kinds: tuple[Kind, ...]
+    z: "Sequence[Fraction] | ndarray"
+    choice: "Sequence[int] | ndarray"
+
+
+FIELDS = {
+    "L1": (*_COMMON, "operating_point", "kinds", "kappa", "weights", "companion"),
+    "L1-infeasible": (*_COMMON, "kinds", "z", "choice", "companion"),
+}
+
+
+def read_network(
+    data: Mapping[str, Any], folder: Path | None = None, arrays: bytes | None = None
+) -> NetworkClaim | NetworkObstruction:
+    """Return the value of the JSON object of claim L1 or "L1-infeasible".
+
+    Its companion, where it names one, is given as bytes or stands in the folder.
+
+    Raises:
+        FormatError: anything is not as specified; the message names the place.
+    """
+    claim = data["claim"]
+    _fields("file", data, FIELDS[claim])
+    if data["format"] != FORMAT:
+        raise FormatError("format", f'"{FORMAT}" is needed')
+    _text("statement", data["statement"], 5000)
+    subject = _subject(claim, data, folder, arrays)
+    if claim == "L1-infeasible":
+        kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms", "rays"))
+        z = _vector("z", data["z"], subject, "z")
+        return NetworkObstruction(subject, kinds, z, _choice(data["choice"], subject, kinds))
+    if data["operating_point"] not in ("reference", "every"):
+        raise FormatError("operating_point", '"reference" or "every" is needed')
+    every = data["operating_point"] == "every"
+    kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms"))
+    weights = _vector("weights", data["weights"], subject, "w")
+    return NetworkClaim(subject, every, kinds, weights, _dyadic("kappa", data["kappa"]))
+
+
+def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
+    """Prove claim L1 and return its sentence and steps.
+
+    Raises:
+        NotProvedError: a step of the proof fails.
+    """
+    if claim.kappa <= 0 or min(claim.weights) <= 0:
+        raise NotProvedError("weights", "kappa and every weight must be positive")
+    _prove_continuous(claim.subject.model)
+    rays = [_prove_cone(t, kind, claim.every) for t, kind in enumerate(claim.kinds)]
+    nodes = claim.subject.nodes
+    left, how = _to_redo(claim, rays)
+    for k in left:
+        _prove_decrease(k, nodes.column(k), rays[int(nodes.kind[k])], claim.weights, claim.kappa)
+    gains, offset = _gains(claim)
+    statement = network_sentences.decrease(claim, gains, offset)
+    return statement, network_sentences.decrease_steps(claim, [len(found) for found in rays], how)
+
+
+def _to_redo(claim: NetworkClaim, rays: Sequence[tuple[Vector, ...]]) -> tuple[Sequence[int], str]:
+    """Return the nodes to check in fractions: all of a small network, else those that bounded sums leave in doubt."""
+    nodes = claim.subject.nodes
+    if isinstance(nodes, Nodes):
+        if nodes.entries * max(len(found) * len(found[0]) for found in rays) <= EXACT_WORK:
+            return range(nodes.n), "in fractions"
+        nodes = table_of(nodes)
+    left = doubtful(nodes, rays, _binary64(claim.weights), claim.kappa).tolist()
+    if len(left) > MAX_DOUBTFUL:
+        raise NotProvedError("weights", f"{len(left)} nodes are in doubt after the bounded sums; more margin is needed")
+    return left, f"{nodes.n - len(left)} nodes by bounded binary64 sums and {len(left)} in fractions"
+
+
+def _binary64(values: "Sequence[Fraction] | ndarray") -> "ndarray":
+    import numpy as np
+
+    floats = np.array([float(value) for value in values]) if isinstance(values, tuple) else np.asarray(values)
+    if isinstance(values, tuple) and any(Fraction(f) != v for f, v in zip(floats.tolist(), values, strict=True)):
+        raise NotProvedError("weights", "in a large network a weight must be a binary64")
+    return floats
+
+
+def prove_no_weights(claim: NetworkObstruction) -> tuple[str, tuple[str, ...]]:
+    """Prove that no weights exist with the cones of the forms, and return the sentence and steps.
+
+    Raises:
+        NotProvedError: a step of the proof fails.
+    """
+    nodes = claim.subject.nodes
+    for t, kind in enumerate(claim.kinds):
+        for ray in kind.rays:
+            if ray[0] < 0 or any(_dot(form, ray) < 0 for form in kind.forms):
+                raise NotProvedError(f"kinds[{t}].rays", "a ray lies outside the cone of the forms")
+    active = [(k, Fraction(value)) for k, value in enumerate(claim.z) if value]
+    if len(active) > MAX_DOUBTFUL:
+        raise NotProvedError("z", f"at most {MAX_DOUBTFUL} entries may be positive")
+    if any(value < 0 for _, value in active):
+        raise NotProvedError("z", "no entry may be negative")
+    total: dict[int, Fraction] = {}
+    strict = False
+    for k, value in active:
+        ray = claim.kinds[int(nodes.kind[k])].rays[int(claim.choice[k])]
+        strict = strict or ray[0] > 0
+        for i, size in _sizes(nodes.column(k), k, ray):
+            total[i] = total.get(i, Fraction(0)) + value * size
+    if any(value < 0 for value in total.values()) or not (strict or any(total.values())):
+        raise NotProvedError("z", "it is not true that M z >= 0 with M z or some z v_0 positive")
+    return network_sentences.no_weights(claim), network_sentences.no_weights_steps(claim)
+
+
+def _prove_continuous(model: Model | SparseModel) -> None:
+    found = [c.text for c in model.channels] if isinstance(model, Model) else [f for t in model.terms for f in t.texts]
+    for text in dict.fromkeys(found):
+        if not prove_continuous(((parse(text), Fraction(1)),)):
+            raise NotProvedError("model", f"{text} is not proved continuous on R")
+
+
+def _prove_cone(t: int, kind: Kind, every: bool) -> tuple[Vector, ...]:
+    """Prove the forms of one kind, and return generators of the cone cut out by them and by v_0 = |y| >= 0."""
+    curve = tuple((parse(text), alpha) for text, alpha in kind.functions)
+    proves = prove_nondecreasing if every else prove_sector_form
+    for f, form in enumerate(kind.forms):
+        if not proves(curve, form):
+            what = "nondecreasing" if every else "a sector form"
+            raise NotProvedError(f"kinds[{t}].forms[{f}]", f"it is not proved to be {what} on R")
+    size = 1 + len(curve)
+    return generators((_y(size), *kind.forms), size)
+
+
+def _prove_decrease(
+    k: int, column: Column, rays: Sequence[Vector], weights: "Sequence[Fraction] | ndarray", kappa: Fraction
+) -> None:
+    """Prove w_k T_k + sum w_i |T_i| + kappa w_k v_0 <= 0, T_i = sum v_s A_s[i, k], for every generator v."""
+    w = {i: Fraction(weights[i]) for i in {k, *column}}
+    for ray in rays:
+        if sum((w[i] * T for i, T in _sizes(column, k, ray)), kappa * w[k] * ray[0]) > 0:
+            raise NotProvedError("weights", f"V does not decrease at rate kappa through node {k}")
+
+
+def _gains(claim: NetworkClaim) -> tuple[list[Fraction], bool]:
+    """Return upper bounds of (|B|'w)_l for every input, then of |b|'w if b counts as an input; and whether it does."""
+    model = claim.subject.model
+    if isinstance(model, SparseModel):
+        return _sparse_gains(claim, model)
+    offset = not claim.every and any(model.b)
+    rows = [(*row, b) if offset else row for row, b in zip(model.B, model.b, strict=True)]
+    sums = [Fraction(0)] * (model.m + offset)
+    for w, row in zip(claim.weights, rows, strict=True):
+        for j, value in enumerate(row):
+            sums[j] += w * abs(Fraction(value)) if value else 0
+    return sums, offset
+
+
+def _sparse_gains(claim: NetworkClaim, model: SparseModel) -> tuple[list[Fraction], bool]:
+    """Return the same from binary64 sums, raised by N 2^-51 of themselves for N operations."""
+    import numpy as np
+
+    w = _binary64(claim.weights)
+    sums: ndarray = np.zeros(len(model.inputs))
+    if model.B is not None:
+        node = np.repeat(np.arange(len(sums)), np.diff(model.B.starts))
+        sums = np.bincount(node, weights=np.abs(model.B.values) * w[model.B.rows], minlength=len(sums))
+    offset = not claim.every and model.b is not None
+    if model.b is not None and offset:
+        sums = np.append(sums, np.abs(model.b) @ w)
+    if not np.isfinite(sums).all():
+        raise NotProvedError("weights", "|B|'w is too large for a binary64")
+    raised = Fraction(1) + Fraction(model.n + 8, 2**51)
+    tiny = Fraction(model.n, 2**1000)  # more than all underflows together
+    return [Fraction(float(value)) * raised + tiny * bool(value) for value in sums], offset
+
+
+def _sizes(column: Column, k: int, ray: Sequence[Fraction | int]) -> list[tuple[int, Fraction]]:
+    """Return (i, M[i, k]): T_k on the diagonal, |T_i| elsewhere."""
+    found = []
+    for i, coefficients in column.items():
+        T = _dot(coefficients, ray)
+        found.append((i, T if i == k else abs(T)))
+    return found
+
+
+def _dot(a: Sequence[Fraction], b: Sequence[Fraction | int]) -> Fraction:
+    return sum((p * q for p, q in zip(a, b, strict=True) if p and q), Fraction(0))
+
+
+def _y(size: int) -> tuple[Fraction, ...]:
+    return (Fraction(1), *(Fraction(0),) * (size - 1))
+
+
+def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: bytes | None) -> NetworkSubject:
+    _text("model_sha256", data["model_sha256"], 64)
+    form, entry = data["model"], data["companion"]
+    arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
+    if is_sparse(form):
+        sparse = read_sparse(form, arrays)
+        if sparse.form() != form:
+            raise FormatError("model", "not the network form of the arrays in the companion")
+        return NetworkSubject(claim, data["model_sha256"], form, sparse, table_of_sparse(sparse), arrays)
+    if canonical_model(form) != form:
+        raise FormatError("model", "not in canonical form")
+    model = model_of(form)
+    return NetworkSubject(claim, data["model_sha256"], form, model, nodes_of(model), arrays)
+
+
+def _entry(value: Any) -> Mapping[str, Any]:
+    return _object("companion", value, ("npz", "sha256"))
+
+
+def _vector(where: str, value: Any, subject: NetworkSubject, name: str) -> "Sequence[Fraction] | ndarray":
+    """Return n numbers of the file, or of its companion where the file says null."""
+    if value is not None:
+        return _dyadics(where, value, subject.nodes.n)
+    import numpy as np
+
+    found = subject.arrays.get(name)
+    if found is None or found.shape != (subject.nodes.n,) or found.dtype != np.dtype("<f8"):
+        raise FormatError(where, f"the companion needs an array {name!r} of {subject.nodes.n} binary64 numbers")
+    if not np.isfinite(found).all():
+        raise FormatError(where, "a number is not finite")
+    return found
+
+
+def _kinds(value: Any, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Kind, ...]:
+    """Return the kinds of the file in the order of the nodes' kinds."""
+    entries = _list("kinds", value)
+    if len(entries) > MAX_KINDS:
+        raise FormatError("kinds", f"at most {MAX_KINDS} are read")
+    found = {}
+    for t, entry in enumerate(entries):
+        kind = _kind(f"kinds[{t}]", _object(f"kinds[{t}]", entry, known))
+        found[kind.functions] = kind
+    if len(found) != len(entries) or set(found) != set(nodes.kinds):
+        raise FormatError("kinds", "each kind that occurs among the nodes, once, and no other, is needed")
+    return tuple(found[functions] for functions in nodes.kinds)
+
+
+def _kind(where: str, entry: Mapping[str, Any]) -> Kind:
+    pairs = [_list(f"{where}.functions", pair, 2) for pair in _list(f"{where}.functions", entry["functions"])]
+    if len(pairs) > MAX_FUNCTIONS:
+        raise FormatError(f"{where}.functions", f"at most {MAX_FUNCTIONS} are read")
+    functions = tuple((_expression(where, text), _dyadic(f"{where}.functions", alpha)) for text, alpha in pairs)
+    forms, rays = (_vectors(f"{where}.{name}", entry.get(name, []), 1 + len(pairs)) for name in ("forms", "rays"))
+    return Kind(functions, forms, rays)
+
+
+def _vectors(where: str, value: Any, size: int) -> Forms:
+    rows = _list(where, value)
+    if len(rows) > MAX_FORMS:
+        raise FormatError(where, f"at most {MAX_FORMS} are read")
+    return tuple(_dyadics(f"{where}[{k}]", row, size) for k, row in enumerate(rows))
+
+
+def _expression(where: str, text: Any) -> str:
+    _text(where, text, 5000)
+    try:
+        parse(text)
+    except ExpressionError as error:
+        raise FormatError(where, str(error)) from None
+    return text
+
+
+def _choice(value: Any, subject: NetworkSubject, kinds: tuple[Kind, ...]) -> "Sequence[int] | ndarray":
+    nodes = subject.nodes
+    counts = [len(kind.rays) for kind in kinds]
+    if value is not None:
+        entries = _list("choice", value, nodes.n)
+        return tuple(_index(f"choice[{k}]", entry, counts[int(nodes.kind[k])]) for k, entry in enumerate(entries))
+    import numpy as np
+
+    found = subject.arrays.get("choice")
+    if found is None or found.shape != (nodes.n,) or found.dtype.kind != "i":
+        raise FormatError("choice", f"the companion needs an array 'choice' of {nodes.n} integers")
+    if not ((found >= 0) & (found < np.array(counts)[np.asarray(nodes.kind)])).all():
+        raise FormatError("choice", "an index is negative or too large")
+    return found
