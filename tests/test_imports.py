@@ -17,10 +17,12 @@ CHECKER = SOURCE.parent / "persid_check"
 ORDER = """
 errors files extras
 functions trajectories
-readers integrate drift algebra
+readers integrate drift algebra moments distributed
+chunks
+recordings
 labelled compiled
 model
-equations basis sindy
+equations mathml basis sindy
 structure freerun
 gram
 derivatives weak koopman validation refine
@@ -37,10 +39,12 @@ obstruction setting rates frame
 starts
 certify
 constrained
-distributed
 checking summary folder
 batches
+tables
 plots
+drawings
+portraits
 report interop
 talk options signals
 outcomes
@@ -52,6 +56,9 @@ DEFERRED = {  # a method asks the module when it is called
     ("trajectories", "readers"),
     ("trajectories", "labelled"),
     ("model", "interop"),
+    ("model", "tables"),
+    ("certificate", "tables"),
+    ("certify", "tables"),
 }
 OUTSIDE = {"__init__", "__main__"}
 

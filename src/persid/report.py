@@ -1,105 +1,90 @@
 """The report: one self-contained page that a person can read, print and send on; and its figures as PNG files."""
 
 import hashlib
-import io
 import math
-import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
-from matplotlib.figure import Figure
+from markupsafe import Markup
 from numpy import ndarray
 
-from persid import plots
-from persid.certificate import Certificate
+from persid import drawings, mathml, plots, portraits
 from persid.certify import Certified, Refuted
+from persid.drawings import Drawing, FreeRun
 from persid.equations import equations
-from persid.errors import PersidError
 from persid.files import write_atomically
 from persid.folder import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS, Results
-from persid.freerun import one_step, score
 from persid.model import PersidskiiModel
 from persid.summary import above, below, headline, limits, summarize
 from persid.trajectories import Trajectories, Trajectory
-from persid_check import groups
 
-RUNS, STATES, SAMPLES = 3, 8, 5000  # at most so many are drawn, and said so
-PAIRS, GROUPS, BARS = 3, 6, 6
 CELLS = 4000  # a larger table of coefficients is left to model.json
-STYLE: dict[Any, Any] = {"font.family": "sans-serif", "font.size": 10, "svg.fonttype": "none", "axes.linewidth": 0.8}
-# Colours of the figures become variables of the page, so that they suit a light and a dark screen.
-THEME = {
-    "#000000": "currentColor",
-    "#ffffff": "var(--card)",
-    plots.MEASURED: "var(--measured)",
-    plots.MODEL: "var(--model)",
-    plots.LEVEL: "var(--level)",
-    plots.FIELD: "var(--field)",
-    plots.FORM: "var(--form)",
-}
+TERMS, EQUATIONS = 400, 4  # of a model with more terms only the first equations are set
+MOST_ROWS = 40  # of a table of runs, columns or eigenvalues
+MOST_SAMPLES = 20_000  # on which terms are compared
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
-    """A figure with the name of its file, what it shows to those who cannot see it, and its caption."""
+class Equations:
+    """What the page shows of the equations: left sides and terms as MathML, and all of them to copy."""
 
-    name: str
-    figure: Figure
-    alt: str
-    caption: str
-
-    @property
-    def svg(self) -> Markup:
-        """The figure as SVG to stand in the page."""
-        return Markup(_svg(self))
-
-
-@dataclass(frozen=True, eq=False)
-class FreeRun:
-    """A measured run, the model's run from its first sample, and how far the two agree."""
-
-    number: int
-    measured: Trajectory
-    found: Trajectory
-    rmse: float
-    r2: float
+    lines: tuple[tuple[Markup, tuple[Markup, ...]], ...]
+    total: int
+    text: str
+    latex: str
 
 
 def write_report(results: Results, folder: Path) -> None:
     """Write report.html and figures/*.png into an existing folder."""
     (folder / FIGURES).mkdir(exist_ok=True)
-    with _style():
-        runs = _free_runs(results)
-        drawings = _drawings(results, runs)
-        write_atomically(folder / REPORT, _page(results, runs, drawings))
-        for drawing in (one for part in drawings.values() for one in part):
-            write_atomically(folder / FIGURES / f"{drawing.name}.png", _png(drawing))
+    with drawings.style():
+        runs = drawings.free_runs(results.model, results.data)
+        drawn = _drawings(results, runs)
+        write_atomically(folder / REPORT, _page(results, runs, drawn))
+        for drawing in (one for part in drawn.values() for one in part):
+            write_atomically(folder / FIGURES / f"{drawing.name}.png", drawing.png)
 
 
 def render(results: Results) -> str:
     """Return the page as text, figures inside; it loads nothing from anywhere."""
-    with _style():
-        runs = _free_runs(results)
+    with drawings.style():
+        runs = drawings.free_runs(results.model, results.data)
         return _page(results, runs, _drawings(results, runs))
 
 
-@contextmanager
-def _style() -> Iterator[None]:
-    with mpl.rc_context(STYLE):
-        yield
+def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawing]]:
+    model, data = results.model, results.data
+    fit = results.record.fit if results.record else None
+    compared = results.record.comparison if results.record else None
+    x, u = _samples(data) if data else (np.zeros((0, model.n)), np.zeros((0, model.m)))
+    return {
+        "overview": [drawings.overview(data)] if data else [],
+        "free_run": [drawings.free_run(model, run) for run in runs],
+        "residuals": [drawings.residuals(model, run) for run in runs[:1]],
+        "validation": drawings.validation(fit) if fit else [],
+        "spectrum": drawings.spectrum(fit) if fit else [],
+        "contributions": [drawings.contributions(model, x, u)] if data else [],
+        "correlations": drawings.correlations(model, x, u) if data else [],
+        "comparison": drawings.comparison(compared, model.states),
+        "proof": portraits.of_verdict(results.verdict, model, runs),
+        "attempts": drawings.attempts(results.verdict),
+    }
 
 
-def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Drawing]]) -> str:
+def _samples(data: Trajectories) -> tuple[ndarray, ndarray]:
+    """Return states and inputs of all runs one below the other, every k-th of many."""
+    step = -(-data.samples // MOST_SAMPLES)
+    parts = [(run.x[::step], run.u[::step]) for run in data]
+    return np.concatenate([x for x, _ in parts]), np.concatenate([u for _, u in parts])
+
+
+def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Drawing]]) -> str:
     template = _environment().get_template("report.html.jinja")
     model, verdict = results.model, results.verdict
-    certificate = verdict.certificate if isinstance(verdict, Certified) else None
     proof, claim, name = _proven(verdict)
     return template.render(
         model=model,
@@ -107,7 +92,9 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
         brief=summarize(verdict),
         headline=headline(verdict, model),
         limits=limits(verdict, model),
-        certificate=certificate,
+        certificate=verdict.certificate if isinstance(verdict, Certified) else None,
+        gains=_gains(verdict, model),
+        evidence=getattr(verdict, "evidence", None),
         proof=proof,
         claim=claim,
         proof_sha256=hashlib.sha256(proof.data).hexdigest() if proof else None,
@@ -118,10 +105,14 @@ def _page(results: Results, runs: Sequence[FreeRun], drawings: dict[str, list[Dr
         overview=_overview(results.data) if results.data else [],
         record=results.record,
         fit=results.record.fit if results.record else None,
+        spectrum=_spectrum(results),
+        candidates=_candidates(results),
         runs=runs,
-        drawings=drawings,
-        most_runs=RUNS,
-        most_states=STATES,
+        drawings=drawn,
+        most_runs=drawings.RUNS,
+        most_states=drawings.STATES,
+        most_rows=MOST_ROWS,
+        seed=portraits.SEED,
     )
 
 
@@ -142,6 +133,7 @@ def _environment() -> Environment:
         "below": below,
         "above": above,
         "figure": _number,
+        "cell": _cell,
         "step": _median_step,
         "basename": lambda path: Path(path).name,
     }
@@ -154,27 +146,30 @@ def _number(number: float | None, digits: int = 4) -> str:
     return f"{number:.{digits}g}" if math.isfinite(number) else ("not a number" if math.isnan(number) else "infinite")
 
 
-def _equations(model: PersidskiiModel) -> list[tuple[str, list[Markup]]]:
-    """Return each equation as its left side and its terms, with powers raised."""
-    lines = []
-    for state, line in zip(model.states, equations(model).split("\n"), strict=True):
-        left = f"d({state})/dt"
-        lines.append((left, [_raised(term) for term in _terms(line.removeprefix(f"{left} = "))]))
-    return lines
+def _cell(entry: Any) -> str:
+    """Return any entry of a record as text for a table."""
+    if isinstance(entry, list | tuple):
+        return ", ".join(_cell(part) for part in entry)
+    if isinstance(entry, bool):
+        return "yes" if entry else "no"
+    return _number(entry, 3) if entry is None or isinstance(entry, int | float) else str(entry)
 
 
-def _terms(text: str) -> list[str]:
-    """Cut a sum before every sign that stands outside parentheses."""
-    cuts, depth = [0], 0
-    for k, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0 and text[k : k + 3] in (" + ", " - "):
-            cuts.append(k + 1)
-    return [text[a:b].strip() for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
+def _gains(verdict: Any, model: PersidskiiModel) -> list[tuple[str, float]]:
+    """Return the gain of each input, where the certificate tells them apart."""
+    gains = getattr(verdict.certificate, "gains", None) if isinstance(verdict, Certified) else None
+    if gains is None or len(gains) < 2 or np.ptp(gains) == 0:
+        return []
+    return list(zip(model.inputs, [float(gain) for gain in gains], strict=True))
 
 
-def _raised(text: str) -> Markup:
-    return Markup(re.sub(r"\*\*\(?(-?[\d./]+)\)?", r"<sup>\1</sup>", str(escape(text)))).replace("*", " ")
+def _equations(model: PersidskiiModel) -> Equations:
+    """Set the equations: all of them, or of a large model the first ones."""
+    count = model.n if mathml.count(model) <= TERMS else min(EQUATIONS, model.n)
+    set_ = [mathml.equation(model, i) for i in range(count)]
+    lines = tuple((Markup(left), tuple(Markup(term) for term in terms)) for left, terms in set_)
+    text, latex = ("\n".join(equations(model, form).split("\n")[:count]) for form in ("text", "latex"))
+    return Equations(lines, model.n, text, latex)
 
 
 def _coefficients(model: PersidskiiModel) -> list[tuple[str, list[float]]] | None:
@@ -195,189 +190,27 @@ def _overview(data: Trajectories) -> list[tuple[str, str, list[float]]]:
     return found
 
 
-def _free_runs(results: Results) -> list[FreeRun]:
-    """Simulate the first runs from their first samples."""
-    found = []
-    for k, run in enumerate(results.data or ()):
-        if k < RUNS:
-            measured = run[:SAMPLES]
-            free = results.model.simulate(measured.x[0], measured.t, measured.u)[0]
-            guess = np.vstack([free.x, np.repeat(free.x[-1:], len(measured) - len(free), axis=0)])
-            fit = score(measured.x, guess)
-            found.append(FreeRun(k + 1, measured, free, fit.rmse, fit.r2_mean))
-    return found
+def _spectrum(results: Results) -> list[tuple[str, float, float, float | None]]:
+    """Return each mode of the Koopman matrix: eigenvalue, modulus, frequency in Hz, time of decay in s."""
+    spectrum = results.record.fit.spectrum if results.record and results.record.fit else None
+    if spectrum is None:
+        return []
+    rows = []
+    for re, im in spectrum.values:
+        if im >= 0:
+            size, turn = math.hypot(re, im), abs(math.atan2(im, re))
+            name = f"{re:.4g} ± {im:.4g} i" if im else f"{re:.4g}"
+            decay = -spectrum.dt / math.log(size) if 0 < size < 1 - 1e-12 else None
+            rows.append((name, size, turn / (2 * math.pi * spectrum.dt), decay))
+    return rows
 
 
-def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawing]]:
-    model, verdict = results.model, results.verdict
-    fit = results.record.fit if results.record else None
-    measured = [run.measured for run in runs]
-    proof = _proof(verdict.certificate, runs) if isinstance(verdict, Certified) else []
-    return {
-        "free_run": [_free_run(model, run) for run in runs],
-        "residuals": [_residuals(model, run) for run in runs[:1]],
-        "validation": [_validation(fit)] if fit and fit.curve else [],
-        "contributions": [_contributions(model, results.data)] if results.data and model.n <= BARS else [],
-        "proof": proof or _portraits(model, measured),
-    }
-
-
-def _stack(count: int, height: float) -> tuple[Figure, list[Any]]:
-    figure = Figure(figsize=(7.6, height * count + 0.35), layout="constrained")
-    return figure, list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
-
-
-def _side_by_side(count: int, height: float) -> tuple[Figure, list[Any]]:
-    columns = min(count, 2) if count != 3 else 3
-    rows = -(-count // columns)
-    figure = Figure(figsize=(7.6 if columns > 1 else 5.4, height * rows), layout="constrained")
-    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    for ax in axes[count:]:
-        ax.set_axis_off()
-    return figure, axes[:count]
-
-
-def _free_run(model: PersidskiiModel, run: FreeRun) -> Drawing:
-    shown = model.states[:STATES]
-    figure, axes = _stack(len(shown), 1.75)
-    for i, (ax, name) in enumerate(zip(axes, shown, strict=True)):
-        plots.free_run(ax, run.measured, run.found, i, name)
-        ax.set_xlabel("t in s" if i == len(shown) - 1 else "")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=2, frameon=False)
-    gone = run.found.diverged_at
-    end = f"It blows up at t = {gone:.4g} s (marked)." if gone is not None else "It does not blow up."
-    rows = f" (the first {SAMPLES} samples)" if len(run.measured) == SAMPLES else ""
-    caption = (
-        f"Run {run.number}{rows}: measured (blue, solid) and the model's free run (red, dashed), which knows only the "
-        f"first sample and the inputs. {end} RMSE {_number(run.rmse)}, R² {_number(run.r2)} (mean over states)."
-    )
-    alt = f"Curves over time of {len(shown)} states, measured and simulated, run {run.number}. {end}"
-    return Drawing(f"free-run-{run.number}", figure, alt, caption)
-
-
-def _residuals(model: PersidskiiModel, run: FreeRun) -> Drawing:
-    left = run.measured.x[1:] - one_step(model.rhs, run.measured, "zoh")[:-1]
-    shown = model.states[:STATES]
-    figure, axes = _stack(len(shown), 1.25)
-    for i, (ax, name) in enumerate(zip(axes, shown, strict=True)):
-        plots.residuals(ax, run.measured.t[1:], left[:, i], name)
-        ax.set_xlabel("t in s" if i == len(shown) - 1 else "")
-    sizes = ", ".join(f"{name}: {_number(float(np.std(left[:, i])))}" for i, name in enumerate(shown))
-    caption = f"What one-step predictions leave over, run {run.number}; standard deviations: {sizes}."
-    return Drawing("residuals", figure, f"One-step residuals over time. Standard deviations: {sizes}.", caption)
-
-
-def _validation(fit: Any) -> Drawing:
-    figure, axes = _side_by_side(1, 3.2)
-    plots.validation_curve(axes[0], fit.curve, fit.ridge)
-    caption = (
-        f"Error of free runs on blocks that the fit had not seen, for every strength of the ridge; best by this "
-        f"measure: {_number(fit.curve.best, 3)}, used: {_number(fit.ridge, 3)}."
-    )
-    return Drawing("validation", figure, f"Curve of validation error against ridge. {caption}", caption)
-
-
-def _contributions(model: PersidskiiModel, data: Trajectories) -> Drawing:
-    x, u = (np.concatenate([getattr(run, name) for run in data]) for name in ("x", "u"))
-    figure, axes = _side_by_side(model.n, 3.1)
-    for i, ax in enumerate(axes):
-        plots.contributions(ax, model, x, u, i)
-    caption = "How much each term adds to the derivative of each state on the data (root mean square, units per s)."
-    return Drawing("contributions", figure, f"Bars, one a term. {caption}", caption)
-
-
-def _pairs(n: int) -> list[tuple[int, int]]:
-    return [(k, k + 1) for k in range(0, n - 1, 2)][:PAIRS]
-
-
-def _portraits(model: PersidskiiModel, measured: Sequence[Trajectory]) -> list[Drawing]:
-    drawings = []
-    for i, j in _pairs(model.n):
-        figure, axes = _side_by_side(1, 4.6)
-        plots.phase_portrait(axes[0], model, None, (i, j), measured)
-        caption = (
-            f"Direction of motion of the model for u = u_ref (grey arrows) and the measured runs (blue){_rest(model)}."
-        )
-        drawings.append(_pair_drawing("phase-portrait", figure, model, (i, j), caption))
-    return drawings
-
-
-def _rest(model: PersidskiiModel) -> str:
-    return "" if model.n == 2 else "; the other states are at x_ref"
-
-
-def _pair_drawing(kind: str, figure: Figure, model: PersidskiiModel, pair: tuple[int, int], caption: str) -> Drawing:
-    names = " and ".join(model.states[k] for k in pair)
-    return Drawing(f"{kind}-{pair[0] + 1}-{pair[1] + 1}", figure, f"Plane of {names}. {caption}", caption)
-
-
-def _proof(certificate: Certificate, runs: Sequence[FreeRun]) -> list[Drawing]:
-    """Draw the bound, level sets of V and the sector forms of the first groups."""
-    model, drawings = certificate.model, _bound(certificate, runs)
-    measured = [run.measured for run in runs]
-    for i, j in _pairs(model.n):
-        figure, axes = _side_by_side(1, 4.6)
-        plots.level_sets(axes[0], certificate, None, (i, j), measured)
-        region = ", the certified region (shaded)" if certificate.claim == "R" else ""
-        caption = (
-            f"Level sets of the Lyapunov function V (green){region}, the direction of motion for u = u_ref (grey "
-            f"arrows), {'the measured runs (blue), ' if measured else ''}and the operating point (dot){_rest(model)}."
-        )
-        drawings.append(_pair_drawing("level-sets", figure, model, (i, j), caption))
-    count = min(len(certificate.content["groups"]), GROUPS)
-    return [*drawings, _sectors(certificate, count)] if count else drawings
-
-
-def _bound(certificate: Certificate, runs: Sequence[FreeRun]) -> list[Drawing]:
-    """Draw the proved bound over the first run to which it applies."""
-    for run in runs:
-        figure, axes = _side_by_side(1, 2.9)
-        try:
-            plots.bound(axes[0], certificate, run.found)
-        except PersidError:  # no rate is claimed, or the run lies outside the certified region
-            continue
-        caption = (
-            f"Distance of the model's free run {run.number} from the operating point (red, dashed), and the bound that "
-            "the certificate proves for every input as large as this one (green)."
-        )
-        return [Drawing("bound", figure, caption, caption)]
-    return []
-
-
-def _sectors(certificate: Certificate, count: int) -> Drawing:
-    model = certificate.model
-    figure, axes = _side_by_side(count, 2.6)
-    for g, (ax, group) in enumerate(zip(axes, groups(model.to_dict()), strict=False)):
-        plots.sector_forms(ax, certificate, g)
-        ax.set_title(f"y along {', '.join(plots.plain(model.states[k]) for k in group.row)}", fontsize=10)
-    where = "on the region" if certificate.claim == "R" else "for all y, also beyond what is drawn"
-    caption = (
-        "The functions of each group (blue) and the sector forms the proof relies on (dashed): each has the sign of y, "
-        f"so it stays in the shaded quadrants; the checker has proved this {where}."
-    )
-    return Drawing("sector-forms", figure, caption, caption)
-
-
-def _png(drawing: Drawing) -> bytes:
-    buffer = io.BytesIO()
-    drawing.figure.savefig(buffer, format="png", dpi=144, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
-
-
-def _svg(drawing: Drawing) -> str:
-    """Return SVG without header and metadata, ids made unique in the page, colours as variables of the page."""
-    buffer = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": drawing.name}):
-        drawing.figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
-    text = buffer.getvalue()
-    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
-    text = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)  # hundredths of a point do
-    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{drawing.name}-", text)
-    text = re.sub(r"(?<=: )#[0-9a-f]{6}\b", lambda found: THEME.get(found[0], found[0]), text)
-    width = 6 * drawing.figure.get_figwidth()
-    head = f'<svg role="img" aria-label="{escape(drawing.alt)}" style="max-width: {width:.3g}rem" '
-    return text.replace("<svg ", head, 1)
+def _candidates(results: Results) -> tuple[list[str], list[list[Any]]]:
+    """Return the columns and rows of the table of candidate fits, whatever was recorded of them."""
+    compared = results.record.comparison if results.record else None
+    rows = list((compared or {}).get("candidates") or ())
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return names, [[row.get(name) for name in names] for row in rows]
 
 
 def _median_step(run: Trajectory) -> float:

@@ -8,6 +8,8 @@ Blue and solid is measured, red and dashed is the model; the colours are told ap
 """
 
 from persid.plots.fields import (
+    COLLINEAR,
+    box_of,
     contributions,
     correlation_matrix,
     correlations,
@@ -17,6 +19,7 @@ from persid.plots.fields import (
     vector_field,
 )
 from persid.plots.measured import (
+    MOST_RUNS,
     attempts,
     blow_up,
     candidates,
@@ -31,15 +34,18 @@ from persid.plots.proofs import bound, largest_input, level_sets, sector_forms
 from persid.plots.style import FIELD, FORM, INK, LEVEL, MEASURED, MODEL, plain, short
 
 __all__ = [
+    "COLLINEAR",
     "FIELD",
     "FORM",
     "INK",
     "LEVEL",
     "MEASURED",
     "MODEL",
+    "MOST_RUNS",
     "attempts",
     "blow_up",
     "bound",
+    "box_of",
     "candidates",
     "contributions",
     "correlation_matrix",
