@@ -13,7 +13,8 @@ from numpy import ndarray
 from persid.errors import DataError, ModelError
 from persid.functions import ScalarFunction, scalar_function
 from persid.model import PersidskiiModel
-from persid.trajectories import Trajectories
+from persid.moments import Moments
+from persid.recordings import Measurements, moments
 
 Functions = Sequence[str] | Sequence[Sequence[str]]
 
@@ -159,7 +160,7 @@ class Basis:
         return theta
 
 
-def make_basis(data: Trajectories, functions: Functions, x_ref: Any = "auto", scale: Any = "auto") -> Basis:
+def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto") -> Basis:
     """Return the basis for data: reference points at 0 or the mean, scales powers of two, arguments of order 1.
 
     `x_ref="auto"` takes, for each state, 0 where the data come as near to 0 as they spread, else the mean, rounded.
@@ -170,7 +171,8 @@ def make_basis(data: Trajectories, functions: Functions, x_ref: Any = "auto", sc
     """
     n = len(data.states)
     lists = _per_state(functions, n)
-    x, u = ([getattr(run, name) for run in data] for name in ("x", "u"))
+    found = moments(data)
+    x, u = found.of(slice(n)), found.of(slice(n, None))
     reference = reference_point(x) if _is_auto(x_ref) else _vector("x_ref", x_ref, n)
     sizes = _powers_of_two(_reach(x, reference)) if _is_auto(scale) else _vector("scale", scale, n)
     if not (sizes > 0).all():
@@ -210,24 +212,17 @@ def _is_auto(value: Any) -> bool:
     return isinstance(value, str) and value == "auto"
 
 
-def _reach(parts: Sequence[ndarray], reference: ndarray) -> ndarray:
-    low, high = (np.array([getattr(part, bound)(axis=0) for part in parts]) for bound in ("min", "max"))
-    return np.maximum(np.abs(low.min(axis=0) - reference), np.abs(high.max(axis=0) - reference))
+def _reach(x: Moments, reference: ndarray) -> ndarray:
+    return np.maximum(np.abs(x.low - reference), np.abs(x.high - reference))
 
 
-def reference_point(parts: Sequence[Float[ndarray, "_ k"]]) -> Float[ndarray, " k"]:
+def reference_point(x: Moments) -> Float[ndarray, " k"]:
     """Return 0 where a column comes as near to 0 as it spreads, else its mean, rounded to what its spread resolves."""
-    if not parts[0].shape[1]:
-        return np.zeros(0)
-    low, high = (
-        np.min([part.min(axis=0) for part in parts], axis=0),
-        np.max([part.max(axis=0) for part in parts], axis=0),
-    )
-    mean = np.sum([part.sum(axis=0) for part in parts], axis=0) / sum(map(len, parts))
+    low, high = x.low, x.high
     digit = np.floor(np.log10(np.where(high > low, (high - low) / 2, 1.0)))
-    rounded = np.array([round(value, -int(place)) for value, place in zip(mean, digit, strict=True)])
+    rounded = np.array([round(value, -int(place)) for value, place in zip(x.mean, digit, strict=True)])
     near = (low - (high - low) <= 0) & (high + (high - low) >= 0)
-    return np.where(near, 0.0, np.where(high > low, rounded, mean))
+    return np.where(near, 0.0, np.where(high > low, rounded, x.mean))
 
 
 def _powers_of_two(reach: ndarray) -> ndarray:

@@ -1,6 +1,6 @@
 """Derivatives of measured signals by local polynomials, at any spacing; and states that were not measured."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -40,17 +40,25 @@ def _fit(t: ndarray, x: ndarray, first: ndarray, width: int, offset: int) -> tup
     return coefficients[:, 0], coefficients[:, 1] / reach[:, None]
 
 
-def derivative_rows(
-    run: Trajectory, dot: Float[ndarray, "N n"], basis: Basis, hold: str, start: int = 0, stop: int | None = None
-) -> Iterator[Rows]:
-    """Yield blocks of rows (columns at the samples, x') for the samples in [start, stop)."""
-    last = len(run) if stop is None else min(stop, len(run))
-    # A derivative at a sample where a held input jumps lies half way between those of its two sides.
-    u = run.u if hold == "paper" else (run.u + np.vstack([run.u[:1], run.u[:-1]])) / 2
-    for begin in range(start, last, BLOCK):
-        chosen = slice(begin, min(begin + BLOCK, last))
-        x = run.x[chosen]
-        yield np.hstack([basis.values(x), u[chosen] - basis.u_ref, np.ones((len(x), 1))]), dot[chosen]
+def with_slopes(data: Trajectories, slopes: Sequence[Float[ndarray, "_ n"]], hold: str) -> Trajectories:
+    """Return runs of (x, x') side by side, with the inputs that go with x'.
+
+    A derivative at a sample where a held input jumps lies half way between those of its two sides.
+    """
+    runs = []
+    for run, dot in zip(data, slopes, strict=True):
+        u = run.u if hold == "paper" else (run.u + np.vstack([run.u[:1], run.u[:-1]])) / 2
+        runs.append(Trajectory(run.t, np.hstack([run.x, dot]), u))
+    return Trajectories(tuple(runs), (*data.states, *(f"d({name})/dt" for name in data.states)), data.inputs)
+
+
+def derivative_rows(run: Trajectory, count: int, basis: Basis) -> Iterator[Rows]:
+    """Yield blocks of rows (columns at the samples, x') for the first `count` samples of a run of (x, x')."""
+    n = len(basis.states)
+    for begin in range(0, count, BLOCK):
+        chosen = slice(begin, min(begin + BLOCK, count))
+        x, u = run.x[chosen, :n], run.u[chosen]
+        yield np.hstack([basis.values(x), u - basis.u_ref, np.ones((len(x), 1))]), run.x[chosen, n:]
 
 
 def embed(data: Trajectories, derivatives: int = 0, delays: int = 0, half_width: int = 2) -> Trajectories:

@@ -8,8 +8,8 @@ from numpy import ndarray
 
 from persid.freerun import Score
 from persid.gram import Gram, condition_number
-from persid.koopman import ALIASING, Lifting, edmd, sample_step
-from persid.trajectories import Trajectories
+from persid.koopman import ALIASING
+from persid.recordings import Measurements, moments
 from persid.validation import Curve
 
 COLLINEAR = 0.99
@@ -135,17 +135,14 @@ def _collinear(gram: Gram) -> tuple[tuple[str, str, float], ...]:
     return tuple((names[keep[a]], names[keep[b]], float(R[a, b])) for a, b in pairs)
 
 
-def excitation(data: Trajectories, gram: Gram) -> tuple[Excitation, ...]:
+def excitation(data: Measurements, gram: Gram) -> tuple[Excitation, ...]:
     """Return for each input how it moves and how much of it is no function of the other columns."""
     names = [column.name for column in gram.basis.columns]
     free = _free_share(gram)
-    count = data.samples
-    mean = sum(run.u.sum(axis=0) for run in data) / count
-    deviation = np.sqrt(sum(((run.u - mean) ** 2).sum(axis=0) for run in data) / count)
-    changes = sum((np.diff(run.u, axis=0) != 0).sum(axis=0) for run in data)
+    u = moments(data).of(slice(len(data.states), None))
     p = gram.basis.state_columns
     return tuple(
-        Excitation(names[p + k], float(deviation[k]), int(changes[k]), float(free[p + k]))
+        Excitation(names[p + k], float(u.deviation[k]), int(u.changes[k]), float(free[p + k]))
         for k in range(len(data.inputs))
     )
 
@@ -163,11 +160,11 @@ def _free_share(gram: Gram) -> ndarray:
     return share
 
 
-def koopman_spectrum(data: Trajectories, lifting: Lifting, hold: str) -> Spectrum:
-    """Return the eigenvalues of the Koopman matrix of the data, the largest first."""
-    values = np.linalg.eigvals(edmd(data, lifting, hold))
+def koopman_spectrum(K: Float[ndarray, "l l"], dt: float) -> Spectrum:
+    """Return the eigenvalues of a Koopman matrix, the largest first; dt is the sampling step in s."""
+    values = np.linalg.eigvals(K)
     values = values[np.argsort(-np.abs(values), kind="stable")]
-    return Spectrum(tuple((float(k.real), float(k.imag)) for k in values), sample_step(data))
+    return Spectrum(tuple((float(k.real), float(k.imag)) for k in values), dt)
 
 
 def whiteness(residual: Float[ndarray, "N n"]) -> tuple[tuple[float, float], ...]:

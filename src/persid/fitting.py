@@ -1,83 +1,116 @@
 """From prepared data to coefficients: Gram matrices part by part, ridge, thresholds; the same for every estimator."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid.basis import Basis
-from persid.derivatives import derivative_rows
-from persid.gram import ILL_CONDITIONED, Gram, Rows, accumulate, condition_number, with_root
+from persid.derivatives import derivative_rows, with_slopes
+from persid.errors import DataError
+from persid.gram import BLOCK, ILL_CONDITIONED, Gram, Rows, Triangle, accumulate, condition_number, triangle, with_root
 from persid.koopman import Lifting, doubtful_eigenvalues, edmd, gamma, koopman_generator, sample_step
+from persid.recordings import Measurements, Part, block_sums, segments
 from persid.structure import Structure
-from persid.trajectories import Trajectories
-from persid.validation import Curve, Part
+from persid.trajectories import Trajectories, Trajectory
+from persid.validation import Curve
 from persid.weak import window_rows
 
-RowsOf = Callable[[Part], Iterator[Rows]]
+RowsOf = Callable[[Trajectory, int], Iterator[Rows]]  # of a segment, and how many of its samples rows begin at
 MOST_THRESHOLDS = 10  # rounds of sequential thresholding
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """Data cut into parts, and how a part becomes rows of a regression."""
+class Regression:
+    """How samples become rows: the rows of a segment, which may need `overlap` samples behind those they begin at.
 
-    data: Trajectories
+    `data` are what the segments are cut from; `K` is the Koopman matrix where there is one.
+    """
+
+    data: Measurements
+    rows: RowsOf
+    overlap: int = 0
+    K: Float[ndarray, "l l"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Data cut into parts (tails and folds) and further into blocks, and how they become rows of a regression."""
+
+    data: Measurements
     basis: Basis
     structure: Structure
-    parts: list[Part]
-    rows: RowsOf
+    parts: Sequence[Part]
+    blocks: Sequence[Part]
+    regression: Regression
 
-    def grams(self) -> list[Gram]:
-        """Return the Gram of every part, each from one pass over its samples."""
-        return [accumulate(self.rows(part), self.basis, self.structure) for part in self.parts]
+    def grams(self) -> dict[int, Gram]:
+        """Return the Gram of every block, from one pass over the samples."""
+        work = partial(_gram, rows=self.regression.rows, basis=self.basis, structure=self.structure)
+        return block_sums(self.regression.data, self.blocks, work, self.regression.overlap)
 
-    def gram(self, parts: Sequence[Part], grams: Sequence[Gram], ridge: float) -> Gram:
-        """Return the Gram of some parts together, with a triangular factor where it stays ill-conditioned."""
-        total = grams[0]
-        for gram in grams[1:]:
-            total = total + gram
-        if (
-            total.structure.is_separate
-            and ridge < ILL_CONDITIONED**-2
-            and condition_number(total.scaled) > ILL_CONDITIONED
-        ):
-            return with_root(total, (block for part in parts for block in self.rows(part)))
-        return total
-
-
-def weak_rows(data: Trajectories, basis: Basis, window: int, hold: str) -> RowsOf:
-    """Rows of the weak form."""
-    return lambda part: window_rows(data[part.run], basis, window, hold, part.start, part.stop)
+    def solvable(self, gram: Gram, ridge: float, tails: bool = True) -> Gram:
+        """Return the Gram of all blocks (or of those that are no tails) with its triangular factor, by a second pass,
+        where it would otherwise be too ill-conditioned for this ridge."""
+        well = condition_number(gram.scaled) <= ILL_CONDITIONED
+        if not gram.structure.is_separate or ridge >= ILL_CONDITIONED**-2 or well:
+            return gram
+        used = [replace(part, block=0) for part in self.parts if tails or part.fold >= 0]
+        work = partial(_triangle, rows=self.regression.rows)
+        return with_root(gram, block_sums(self.regression.data, used, work, self.regression.overlap)[0])
 
 
-def slope_rows(data: Trajectories, basis: Basis, slopes: Sequence[ndarray], hold: str) -> RowsOf:
-    """Rows of the regression of derivatives."""
-    return lambda part: derivative_rows(data[part.run], slopes[part.run], basis, hold, part.start, part.stop)
+def _gram(segment: Trajectory, count: int, rows: RowsOf, basis: Basis, structure: Structure) -> Gram:
+    return accumulate(rows(segment, count), basis, structure)
 
 
-def koopman_rows(
-    data: Trajectories, basis: Basis, lifting: Lifting, parts: Sequence[Part], hold: str, reading: str
-) -> RowsOf:
-    """Rows whose left sides are the vector field that the generator of the given parts implies at every sample."""
-    used = Trajectories(tuple(data[p.run][p.start : p.stop] for p in parts), data.states, data.inputs)
-    K = edmd(used, lifting, hold)
-    doubtful = doubtful_eigenvalues(used, lifting, K, hold)
-    L = koopman_generator(K, sample_step(data), samples=used.samples - len(used), hold=hold, doubtful=doubtful)
-    n = len(basis.states)
-    theta = None
-    if reading == "literal":
-        x, u = (np.concatenate([getattr(run, name) for run in used]) for name in ("x", "u"))
-        theta = gamma(L, lifting, x, u, "literal").T
+def _triangle(segment: Trajectory, count: int, rows: RowsOf) -> Triangle:
+    return triangle(rows(segment, count))
 
-    def rows(part: Part) -> Iterator[Rows]:
-        run = data[part.run][part.start : part.stop]
+
+def weak_form(data: Measurements, basis: Basis, window: int, hold: str) -> Regression:
+    """The regression of the weak form."""
+    return Regression(data, partial(_weak_rows, basis=basis, window=window, hold=hold), window)
+
+
+def _weak_rows(segment: Trajectory, count: int, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
+    return window_rows(segment, basis, window, hold, 0, count)
+
+
+def slope_regression(data: Trajectories, basis: Basis, slopes: Sequence[ndarray], hold: str) -> Regression:
+    """The regression of derivatives."""
+    return Regression(with_slopes(data, slopes, hold), partial(derivative_rows, basis=basis))
+
+
+def koopman_regression(
+    data: Measurements, basis: Basis, lifting: Lifting, parts: Sequence[Part], hold: str, reading: str
+) -> Regression:
+    """The regression of the vector field that the generator of the given parts implies at every sample."""
+    K = edmd(data, lifting, hold, parts)
+    doubtful = doubtful_eigenvalues(data, lifting, K, hold, parts)
+    pairs = sum(part.stop - part.start - 1 for part in parts)
+    L = koopman_generator(K, sample_step(data), samples=pairs, hold=hold, doubtful=doubtful)
+    theta = _literal(L, data, lifting, parts) if reading == "literal" else None
+    rows = partial(_field_rows, lifting=lifting, L=L[:, : len(basis.states)], theta=theta)
+    return Regression(data, rows, K=K)
+
+
+def _literal(L: ndarray, data: Measurements, lifting: Lifting, parts: Sequence[Part]) -> Float[ndarray, "p n"]:
+    if not isinstance(data, Trajectories):
+        raise DataError('gamma="literal" needs the data in memory; use gamma="coordinates", or read fewer of them')
+    used = segments(data, parts)
+    x, u = (np.concatenate([getattr(run, name) for run in used]) for name in ("x", "u"))
+    return gamma(L, lifting, x, u, "literal").T
+
+
+def _field_rows(segment: Trajectory, count: int, lifting: Lifting, L: ndarray, theta: ndarray | None) -> Iterator[Rows]:
+    for begin in range(0, count, BLOCK):
+        run = segment[begin : min(begin + BLOCK, count)]
         phi = lifting.columns(run.x, run.u)
-        yield phi, lifting.values(run.x, run.u) @ L[:, :n] if theta is None else phi @ theta
-
-    return rows
+        yield phi, lifting.values(run.x, run.u) @ L if theta is None else phi @ theta
 
 
 def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[ndarray, "p n"]:
@@ -113,18 +146,16 @@ def _renumbered(parameter: ndarray) -> ndarray:
     return numbered.reshape(parameter.shape) - int(used[0] == -1)
 
 
-def training(parts: Sequence[Part], grams: Sequence[Gram]) -> tuple[list[Part], list[Gram]]:
-    """Return the parts that are not held out, with their Grams."""
-    kept = [(part, gram) for part, gram in zip(parts, grams, strict=True) if part.fold >= 0]
-    return [part for part, _ in kept], [gram for _, gram in kept]
-
-
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Coefficients with what they were computed from; `held_out` are those of the fit without the tails."""
+    """Coefficients with what they were computed from; `held_out` are those of the fit without the tails.
+
+    `blocks` are the Grams of which `gram` is the sum.
+    """
 
     theta: Float[ndarray, "p n"]
     held_out: Float[ndarray, "p n"] | None
     gram: Gram
+    blocks: Mapping[int, Gram]
     ridge: float
     curve: Curve | None

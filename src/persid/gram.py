@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 
 import numpy as np
 from jaxtyping import Float
@@ -160,12 +161,25 @@ def accumulate(blocks: Iterable[Rows], basis: Basis, structure: Structure) -> Gr
     return Gram(G, H, yy, rows, basis, structure)
 
 
-def with_root(gram: Gram, blocks: Iterable[Rows]) -> Gram:
-    """Return the Gram with the triangular factor of [phi, y], from a second pass over the blocks (tall-skinny QR)."""
-    root = np.zeros((0, gram.G.shape[0] + gram.H.shape[1]))
-    for phi, y in blocks:
-        root = qr(np.vstack([root, np.hstack([phi, y])]), mode="r", check_finite=False)[0][: root.shape[1]]
-    return Gram(gram.G, gram.H, gram.yy, gram.rows, gram.basis, gram.structure, root)
+@dataclass(frozen=True, eq=False)
+class Triangle:
+    """The triangular factor R of rows, R'R = their Gram matrix; a sum is the factor of both sets of rows together."""
+
+    R: Float[ndarray, "r q"]
+
+    def __add__(self, other: "Triangle") -> "Triangle":
+        stacked = np.vstack([self.R, other.R])
+        return Triangle(qr(stacked, mode="r", check_finite=False)[0][: stacked.shape[1]])
+
+
+def triangle(blocks: Iterable[Rows]) -> Triangle:
+    """Return the triangular factor of all rows [phi, y] (tall-skinny QR)."""
+    return reduce(add, (Triangle(np.hstack(rows)) for rows in blocks))
+
+
+def with_root(gram: Gram, root: Triangle) -> Gram:
+    """Return the Gram with the triangular factor of its rows [phi, y], from a second pass over them."""
+    return Gram(gram.G, gram.H, gram.yy, gram.rows, gram.basis, gram.structure, root.R)
 
 
 def condition_number(matrix: Float[ndarray, "k k"]) -> float:

@@ -13,25 +13,42 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from persid import diagnostics, fitting, freerun
-from persid.basis import Functions, make_basis
+from persid.basis import Basis, Functions, make_basis
 from persid.derivatives import embed, local_polynomial
 from persid.diagnostics import FitReport
 from persid.equations import equations
 from persid.errors import DataError, UnderdeterminedError
-from persid.fitting import Problem, Solution
-from persid.gram import refuse_underdetermined
+from persid.fitting import Problem, Regression, Solution
+from persid.gram import Gram, refuse_underdetermined
 from persid.koopman import make_lifting, sample_step
+from persid.recordings import (
+    Measurements,
+    Part,
+    Recordings,
+    is_large,
+    lengths,
+    moments,
+    segments,
+)
 from persid.structure import make_structure
+from persid.surveys import recordings_of
 from persid.trajectories import Trajectories, Trajectory
-from persid.validation import Part, partition, tail, validation_curve
+from persid.validation import FOLDS, blocks, by_fold, partition, tail, total, validation_curve
 from persid.weak import choose_window
 
 FUNCTIONS = ("x", "x**3", "sinh(x)", "tanh(x)")
 METHODS = ("weak", "derivative", "edmd")
 HOLDS = ("zoh", "paper")
 FALLBACK_RIDGE = 1e-3  # where a single short run leaves nothing to validate on
+_OUT_OF_CORE = (
+    "read chunk by chunk, {size}: moments and sums are over all samples; the window is chosen on the beginnings of at "
+    "most 20 runs, the ridge on free runs over at most 10 segments of up to 1000 samples, and scores are of at most 20 "
+    "held-out tails of up to 5000 samples"
+)
 SCORED = 5000  # samples of each held-out tail that are simulated
 SCORED_RUNS = 20
+BLOCKS = 60  # sums that a fit keeps, for `persid.bootstrap` to draw from
+MOST_NUMBERS = 8e6  # in all these sums together
 
 
 class PersidskiiIdentifier(BaseEstimator):
@@ -104,7 +121,8 @@ class PersidskiiIdentifier(BaseEstimator):
     def fit(
         self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None
     ) -> "PersidskiiIdentifier":
-        """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them.
+        """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them; or, chunk by chunk, to what
+        `persid.open_recordings` returns, to a Dask array or to a Dask DataFrame of states.
 
         y is x' (N, n) in state units per s for method="derivative", where given, and ignored otherwise; u (N, m), and t
         or dt in s, go with arrays and DataFrames.
@@ -115,83 +133,104 @@ class PersidskiiIdentifier(BaseEstimator):
             GeneratorError: the Koopman matrix has no trustworthy logarithm (method="edmd").
         """
         _check_options(self)
-        measured, notes = as_trajectories(X, u, t, dt)
+        measured, notes = self._measured(X, u, t, dt)
         data = self._embedded(measured)
         problem, window = self._problem(data, measured, y)
         solution = self._solve(problem)
         self._remember(measured, X)
         self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, window
+        self.blocks_ = tuple(solution.blocks.values())
         self.ridge_ = solution.ridge
         self.coef_ = solution.theta.T
         self.report_ = self._report(problem, solution, window, (*data.notes, *notes))
         self.model_ = problem.basis.model(
-            solution.theta, domain=freerun.box(data), provenance=_provenance(self, measured, self.report_)
+            solution.theta, domain=_box(data), provenance=_provenance(self, measured, self.report_)
         )
         return self
 
-    def _embedded(self, measured: Trajectories) -> Trajectories:
+    def _measured(self, X: Any, u: Any, t: Any, dt: float | int | None) -> tuple[Measurements, tuple[str, ...]]:
+        """Return the data of a fit, in memory or not."""
+        if not is_large(X):
+            return as_trajectories(X, u, t, dt)
+        _refuse_in_memory_only(self)
+        found = recordings_of(X, u, t, dt)
+        return found, (_OUT_OF_CORE.format(size=found),)
+
+    def _embedded(self, measured: Measurements) -> Measurements:
+        return measured if isinstance(measured, Recordings) else self._appended(measured)
+
+    def _appended(self, measured: Trajectories) -> Trajectories:
         if self.delays:
             sample_step(measured)
         return embed(measured, self.derivatives, self.delays, choose_window(measured) if self.derivatives else 2)
 
-    def _problem(self, data: Trajectories, measured: Trajectories, y: Any) -> tuple[Problem, int | None]:
+    def _problem(self, data: Measurements, measured: Measurements, y: Any) -> tuple[Problem, int | None]:
         basis = make_basis(data, self.functions, self.x_ref, self.scale)
         structure = make_structure(basis, self.pattern, self.shared, self.constant)
-        parts = partition(data, self.holdout)
+        parts, window = partition(data, self.holdout), None
         if self.method == "weak":
             window = choose_window(data) if self.window == "auto" else int(self.window)
             _check_window(data, window)
-            return Problem(data, basis, structure, parts, fitting.weak_rows(data, basis, window, self.hold)), window
-        if self.method == "derivative":
-            rows = fitting.slope_rows(data, basis, _slopes(data, measured, y), self.hold)
+            regression = fitting.weak_form(data, basis, window, self.hold)
+        elif self.method == "derivative" and isinstance(data, Trajectories) and isinstance(measured, Trajectories):
+            regression = fitting.slope_regression(data, basis, _slopes(data, measured, y), self.hold)
         else:
-            lifting = make_lifting(basis, self.lifting)
-            rows = fitting.koopman_rows(data, basis, lifting, parts, self.hold, self.gamma)
-        return Problem(data, basis, structure, parts, rows), None
+            regression = self._koopman(data, basis, parts)
+        number = int(np.clip(MOST_NUMBERS / basis.size**2, FOLDS + 1, BLOCKS))
+        return Problem(data, basis, structure, parts, blocks(parts, number), regression), window
+
+    def _koopman(self, data: Measurements, basis: Basis, parts: Sequence[Part]) -> Regression:
+        lifting = make_lifting(basis, self.lifting)
+        return fitting.koopman_regression(data, basis, lifting, parts, self.hold, self.gamma)
 
     def _solve(self, problem: Problem) -> Solution:
         grams = problem.grams()
-        rough = problem.gram(problem.parts, grams, np.inf)
+        folds = by_fold(problem.blocks, grams)
+        gram = total(list(folds.values()))
         if not self.allow_underdetermined:
-            refuse_underdetermined(rough)
+            refuse_underdetermined(gram)
         curve = None
         if self.ridge == "auto" and self.method != "edmd":
-            curve = validation_curve(problem.data, problem.parts, grams, freerun.box(problem.data), self.hold)
+            curve = validation_curve(problem.data, problem.parts, folds, _box(problem.data), self.hold)
         ridge = self._strength(curve)
-        gram = problem.gram(problem.parts, grams, ridge)
+        gram = problem.solvable(gram, ridge)
         theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
-        theta = self._refined(problem, problem.data, theta, gram, ridge)
-        return Solution(theta, self._held_out(problem, grams, ridge), gram, ridge, curve)
+        theta = self._refined(problem.data, theta, gram, ridge)
+        return Solution(theta, self._held_out(problem, folds, ridge), gram, grams, ridge, curve)
 
     def _strength(self, curve: Any) -> float:
         if self.ridge != "auto":
             return float(self.ridge)
         return curve.best if curve else 0.0 if self.method == "edmd" else FALLBACK_RIDGE
 
-    def _held_out(self, problem: Problem, grams: list[Any], ridge: float) -> Float[ndarray, "p n"] | None:
+    def _held_out(self, problem: Problem, folds: dict[int, Gram], ridge: float) -> Float[ndarray, "p n"] | None:
         """Fit again without the tails; an EDMD fit computes its generator again, too."""
-        parts, kept = fitting.training(problem.parts, grams)
-        if len(parts) == len(problem.parts) or sum(gram.rows for gram in kept) < problem.basis.size:
+        kept = [gram for fold, gram in folds.items() if fold >= 0]
+        if len(kept) == len(folds) or sum(gram.rows for gram in kept) < problem.basis.size:
             return None
-        train = _of_parts(problem.data, parts)
+        parts = [part for part in problem.parts if part.fold >= 0]
         if self.method == "edmd":
-            lifting = make_lifting(problem.basis, self.lifting)
-            rows = fitting.koopman_rows(problem.data, problem.basis, lifting, parts, self.hold, self.gamma)
-            problem = replace(problem, rows=rows, parts=parts)
-            kept = problem.grams()
-        gram = problem.gram(parts, kept, ridge)
+            regression = self._koopman(problem.data, problem.basis, parts)
+            rest = [replace(part, block=0) for part in problem.blocks if part.fold >= 0]
+            problem = replace(problem, regression=regression, parts=parts, blocks=rest)
+            kept = list(problem.grams().values())
+        gram = problem.solvable(total(kept), ridge, tails=False)
         theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
-        return self._refined(problem, train, theta, gram, ridge)
+        return self._refined(problem.data, theta, gram, ridge, parts)
 
-    def _refined(self, problem: Problem, data: Trajectories, theta: ndarray, gram: Any, ridge: float) -> ndarray:
-        if not self.refine:
+    def _refined(
+        self, data: Measurements, theta: ndarray, gram: Gram, ridge: float, parts: Sequence[Part] = ()
+    ) -> ndarray:
+        if not self.refine or isinstance(data, Recordings):
             return theta
+        if parts:
+            data = Trajectories(tuple(segments(data, parts)), data.states, data.inputs)
         from persid.refine import refine
 
         return refine(data, theta, gram, ridge, self.hold)
 
     def _report(self, problem: Problem, solution: Solution, window: int | None, notes: tuple[str, ...]) -> FitReport:
-        gram, data = solution.gram, problem.data
+        gram, data, K = solution.gram, problem.data, problem.regression.K
         facts = diagnostics.conditioning(gram, solution.theta)
         moved = diagnostics.excitation(data, gram)
         free, step, white = _tail_scores(problem, solution, self.hold)
@@ -210,28 +249,27 @@ class PersidskiiIdentifier(BaseEstimator):
             largest_name=facts.largest_name,
             collinear=facts.collinear,
             constant_columns=facts.constant,
-            coverage=tuple((float(a), float(b)) for a, b in freerun.box(data)),
+            coverage=tuple((float(a), float(b)) for a, b in _box(data)),
             whiteness=white,
             excitation=moved,
             free_run=free,
             one_step=step,
             notes=notes,
             warnings=diagnostics.advise(facts, problem.basis.size, moved, free, solution.curve),
-            spectrum=self._spectrum(problem) if self.method == "edmd" else None,
+            spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
         )
 
-    def _spectrum(self, problem: Problem) -> diagnostics.Spectrum:
-        return diagnostics.koopman_spectrum(problem.data, make_lifting(problem.basis, self.lifting), self.hold)
-
-    def _remember(self, measured: Trajectories, X: Any) -> None:
+    def _remember(self, measured: Measurements, X: Any) -> None:
         self.n_features_in_ = self.n_states_in_ = len(measured.states)
         self.n_inputs_in_ = len(measured.inputs)
-        if isinstance(X, Trajectories) or hasattr(X, "columns"):
+        if isinstance(X, Trajectories | Recordings) or hasattr(X, "columns"):
             self.feature_names_in_ = np.array(measured.states, dtype=object)
 
     def _known(self, X: Any, u: Any, t: Any, dt: float | int | None) -> Trajectories:
         """Return data for a fitted estimator: the same states and inputs, embedded like those of the fit."""
         check_is_fitted(self, "model_")
+        if is_large(X):
+            raise DataError("predictions and scores need the data in memory; give some of the runs as Trajectories")
         data, _ = as_trajectories(X, u, t, dt)
         given = (len(data.states), len(data.inputs))
         if given != (self.n_states_in_, self.n_inputs_in_):
@@ -239,7 +277,7 @@ class PersidskiiIdentifier(BaseEstimator):
                 f"X has {given[0]} features, but {type(self).__name__} is expecting {self.n_states_in_} features as "
                 f"input; inputs: {given[1]} given, {self.n_inputs_in_} expected"
             )
-        return self._embedded(data)
+        return self._appended(data)
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other)."""
@@ -320,9 +358,9 @@ def _from_frames(frames: list[Any], u: Any, t: Any, dt: float | int | None) -> T
     return Trajectories.from_dataframe(joined, states, inputs, dt=None if timed else (dt or 1.0))
 
 
-def _of_parts(data: Trajectories, parts: Sequence[Part]) -> Trajectories:
-    runs = tuple(data[part.run][part.start : part.stop] for part in parts)
-    return Trajectories(runs, data.states, data.inputs)
+def _box(data: Measurements) -> Float[ndarray, "n 2"]:
+    """Return the smallest box that holds all states."""
+    return moments(data).of(slice(len(data.states))).box
 
 
 def _slopes(data: Trajectories, measured: Trajectories, y: Any) -> list[ndarray]:
@@ -341,12 +379,10 @@ def _tail_scores(
     problem: Problem, solution: Solution, hold: str
 ) -> tuple[freerun.Score | None, freerun.Score | None, tuple[tuple[float, float], ...]]:
     """Score the fit without the tails on the tails: free runs (at most 5000 samples each), one step, whiteness."""
-    held = tail(problem.data, problem.parts)
+    held = tail(problem.data, problem.parts, SCORED, SCORED_RUNS)
     if held is None or solution.held_out is None:
         return None, None, ()
     model = problem.basis.model(solution.held_out)
-    runs = tuple(run[:SCORED] for run in held)
-    held = Trajectories(runs[:SCORED_RUNS], held.states, held.inputs)
     ahead = [freerun.one_step(model.rhs, run, hold)[:-1] for run in held]
     after = np.concatenate([run.x[1:] for run in held])
     guess = np.concatenate(ahead)
@@ -361,15 +397,22 @@ def _version() -> str:
         return "unknown"
 
 
-def _provenance(estimator: PersidskiiIdentifier, data: Trajectories, report: FitReport) -> dict[str, Any]:
+def _digest(data: Measurements) -> str:
+    """Return a hash of the samples; of recordings, that of their chunks."""
+    if isinstance(data, Recordings):
+        return data.digest
     digest = hashlib.sha256()
     for run in data:
         for part in (run.t, run.x, run.u):
             digest.update(np.ascontiguousarray(part).data)
+    return digest.hexdigest()
+
+
+def _provenance(estimator: PersidskiiIdentifier, data: Measurements, report: FitReport) -> dict[str, Any]:
     figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
     if report.free_run is not None:
         figures |= {"free_run_rmse": report.free_run.rmse, "free_run_r2": report.free_run.r2_mean}
-    return {"persid": _version(), "method": estimator.method, "data_sha256": digest.hexdigest(), **figures}
+    return {"persid": _version(), "method": estimator.method, "data_sha256": _digest(data), **figures}
 
 
 def _check_options(estimator: PersidskiiIdentifier) -> None:
@@ -389,7 +432,15 @@ def _check_options(estimator: PersidskiiIdentifier) -> None:
         raise DataError('lifting= is for method="edmd"; give functions= otherwise')
 
 
-def _check_window(data: Trajectories, window: int) -> None:
-    longest = max(len(run) for run in data)
+def _refuse_in_memory_only(estimator: PersidskiiIdentifier) -> None:
+    """Raise DataError where an option needs all samples at once."""
+    wrong = [name for name in ("derivatives", "delays", "refine") if getattr(estimator, name)]
+    wrong += ['method="derivative"'] if estimator.method == "derivative" else []
+    if wrong:
+        raise DataError(f'{", ".join(wrong)}: needs the data in memory; use method="weak" or "edmd" without it')
+
+
+def _check_window(data: Measurements, window: int) -> None:
+    longest = max(lengths(data))
     if longest <= window:
         raise UnderdeterminedError(f"the longest run has {longest} samples; a window of {window} needs {window + 1}")

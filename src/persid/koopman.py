@@ -4,20 +4,21 @@ Rows are samples and psi_next = psi K, the paper's transposed convention [least_
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.linalg import eig, logm, qr
+from scipy.linalg import eig, logm
 
 from persid.basis import Basis
 from persid.errors import DataError, GeneratorError
 from persid.functions import ScalarFunction, scalar_function
-from persid.gram import BLOCK, ILL_CONDITIONED, condition_number
-from persid.trajectories import Trajectories, Trajectory
+from persid.gram import BLOCK, ILL_CONDITIONED, Rows, Triangle, condition_number, triangle
+from persid.recordings import Measurements, Part, block_sums, lengths, steps
+from persid.trajectories import Trajectory
 
 Mixed = Callable[[ndarray, ndarray], Any]
 
@@ -131,7 +132,7 @@ def snapshot_pairs(run: Trajectory, lifting: Lifting, hold: str) -> Iterator[tup
 
     psi_next is without its last columns that equal those of psi: the constant, and the inputs under hold="zoh".
     """
-    moving = lifting.size - 1 - (len(lifting.basis.inputs) if hold == "zoh" else 0)
+    moving = _moving(lifting, hold)
     for begin in range(0, len(run) - 1, BLOCK):
         piece = run[begin : min(begin + BLOCK, len(run) - 1) + 1]
         psi = lifting.values(piece.x, piece.u)
@@ -142,17 +143,52 @@ def snapshot_pairs(run: Trajectory, lifting: Lifting, hold: str) -> Iterator[tup
         yield psi[:-1], after
 
 
-def sample_step(data: Trajectories) -> float:
+def sample_step(data: Measurements) -> float:
     """Return the step in s of equally sampled runs, or raise DataError: EDMD and delays need one."""
-    steps = np.concatenate([np.diff(run.t) for run in data])
-    low, high = float(steps.min()), float(steps.max())
-    if high - low > EQUAL_STEPS * high:
-        raise DataError(f'EDMD needs equal steps; these go from {low:.6g} to {high:.6g} s. Use method="weak"')
-    return float(np.median(steps))
+    found = steps(data)
+    if found.high - found.low > EQUAL_STEPS * found.high:
+        raise DataError(
+            f'EDMD needs equal steps; these go from {found.low:.6g} to {found.high:.6g} s. Use method="weak"'
+        )
+    return found.mean
 
 
-def edmd(data: Trajectories, lifting: Lifting, hold: str = "zoh") -> Float[ndarray, "l l"]:
-    """Return the Koopman matrix K = pinv(Psi) Psi_next for psi_next = psi K.
+@dataclass(frozen=True, eq=False)
+class PairSums:
+    """Sums over snapshot pairs: M = sum psi psi', C = sum psi psi_next' (the columns that move), and their number."""
+
+    M: Float[ndarray, "l l"]
+    C: Float[ndarray, "l k"]
+    pairs: int
+
+    def __add__(self, other: "PairSums") -> "PairSums":
+        return PairSums(self.M + other.M, self.C + other.C, self.pairs + other.pairs)
+
+
+def pair_sums(run: Trajectory, count: int, lifting: Lifting, hold: str) -> PairSums:
+    """Return the sums over the pairs that begin in the first `count` samples of a run."""
+    size, moving = lifting.size, _moving(lifting, hold)
+    M, C, pairs = np.zeros((size, size)), np.zeros((size, moving)), 0
+    for psi, after in snapshot_pairs(run[: count + 1], lifting, hold):
+        M += psi.T @ psi
+        C += psi.T @ after
+        pairs += len(psi)
+    return PairSums(M, C, pairs)
+
+
+def _moving(lifting: Lifting, hold: str) -> int:
+    """Number of lifting functions, the first ones, whose next values are not known beforehand."""
+    return lifting.size - 1 - (len(lifting.basis.inputs) if hold == "zoh" else 0)
+
+
+def _whole(data: Measurements) -> list[Part]:
+    return [Part(r, 0, count, 0) for r, count in enumerate(lengths(data))]
+
+
+def edmd(
+    data: Measurements, lifting: Lifting, hold: str = "zoh", parts: Sequence[Part] | None = None
+) -> Float[ndarray, "l l"]:
+    """Return the Koopman matrix K = pinv(Psi) Psi_next for psi_next = psi K, of all samples or of some parts.
 
     Paper: least_square_solution (Sec. 2.3). One pass over the samples; a second one by QR where the scaled Gram matrix
     is ill-conditioned.
@@ -160,40 +196,73 @@ def edmd(data: Trajectories, lifting: Lifting, hold: str = "zoh") -> Float[ndarr
     Raises:
         DataError: the samples do not determine K: a lifting function is a combination of the others on them.
     """
-    size = lifting.size
-    M, C = np.zeros((size, size)), 0.0
-    for run in data:
-        for psi, after in snapshot_pairs(run, lifting, hold):
-            M += psi.T @ psi
-            C = C + psi.T @ after
-    d = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
-    scaled = M / np.outer(d, d)
+    used = _whole(data) if parts is None else _one_block(parts)
+    sums = block_sums(data, used, partial(pair_sums, lifting=lifting, hold=hold), 1, within=True)[0]
+    d = np.sqrt(np.maximum(np.diag(sums.M), np.finfo(float).tiny))
+    scaled = sums.M / np.outer(d, d)
     if condition_number(scaled) < ILL_CONDITIONED:
-        moving = np.linalg.solve(scaled, C / d[:, None]) / d[:, None]
+        moving = np.linalg.solve(scaled, sums.C / d[:, None]) / d[:, None]
     else:
-        moving = _edmd_by_qr(data, lifting, hold, d)
-    return np.hstack([moving, np.eye(size)[:, moving.shape[1] :]])
+        work = partial(_pair_triangle, lifting=lifting, hold=hold, d=d)
+        moving = _from_triangle(block_sums(data, used, work, 1, within=True)[0], d)
+    return np.hstack([moving, np.eye(lifting.size)[:, moving.shape[1] :]])
 
 
-def _edmd_by_qr(data: Trajectories, lifting: Lifting, hold: str, d: ndarray) -> ndarray:
-    size, root = lifting.size, None
-    for run in data:
-        for psi, after in snapshot_pairs(run, lifting, hold):
-            rows = np.hstack([psi / d, after])
-            rows = rows if root is None else np.vstack([root, rows])
-            root = qr(rows, mode="r", check_finite=False)[0][: rows.shape[1]]
-    U, s, Vt = np.linalg.svd(root[:, :size], full_matrices=False)  # type: ignore[index]
+def _one_block(parts: Sequence[Part]) -> list[Part]:
+    return [replace(part, block=0) for part in parts]
+
+
+def _pair_triangle(run: Trajectory, count: int, lifting: Lifting, hold: str, d: ndarray) -> Triangle:
+    return triangle(_scaled_pairs(run[: count + 1], lifting, hold, d))
+
+
+def _scaled_pairs(run: Trajectory, lifting: Lifting, hold: str, d: ndarray) -> Iterator[Rows]:
+    empty = np.zeros((0, lifting.size)), np.zeros((0, _moving(lifting, hold)))
+    yield empty  # a part of one sample has no pairs
+    for psi, after in snapshot_pairs(run, lifting, hold):
+        yield psi / d, after
+
+
+def _from_triangle(root: Triangle, d: ndarray) -> ndarray:
+    size = len(d)
+    U, s, Vt = np.linalg.svd(root.R[:, :size], full_matrices=False)
     floor = np.finfo(float).eps * size * s[0]
     if len(s) < size or s[-1] < floor:
         raise DataError(
             f"the samples determine only {int((s > floor).sum())} of {size} lifting functions; "
             "an input that never varies, or too few samples, does that: leave functions or inputs out, or add data"
         )
-    return (Vt.T / s @ U.T @ root[:, size:]) / d[:, None]  # type: ignore[index]
+    return (Vt.T / s @ U.T @ root.R[:, size:]) / d[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """Sums over snapshot pairs: psi psi' and |psi_next v - k psi v|^2 for some eigenpairs (k, v), and their number."""
+
+    M: ndarray
+    squares: ndarray
+    pairs: int
+
+    def __add__(self, other: "_Residuals") -> "_Residuals":
+        return _Residuals(self.M + other.M, self.squares + other.squares, self.pairs + other.pairs)
+
+
+def _residuals(run: Trajectory, count: int, lifting: Lifting, hold: str, k: ndarray, v: ndarray) -> _Residuals:
+    M, squares, pairs, moving = np.zeros((lifting.size,) * 2), np.zeros(len(k)), 0, _moving(lifting, hold)
+    for psi, after in snapshot_pairs(run[: count + 1], lifting, hold):
+        r = after @ v[:moving] + psi[:, moving:] @ v[moving:] - (psi @ v) * k
+        M += psi.T @ psi
+        squares += (np.abs(r) ** 2).sum(axis=0)
+        pairs += len(psi)
+    return _Residuals(M, squares, pairs)
 
 
 def doubtful_eigenvalues(
-    data: Trajectories, lifting: Lifting, K: Float[ndarray, "l l"], hold: str = "zoh"
+    data: Measurements,
+    lifting: Lifting,
+    K: Float[ndarray, "l l"],
+    hold: str = "zoh",
+    parts: Sequence[Part] | None = None,
 ) -> tuple[complex, ...]:
     """Return the eigenvalues of K that their sampling error does not tell from 0 (3 standard deviations).
 
@@ -204,17 +273,13 @@ def doubtful_eigenvalues(
     small = np.flatnonzero(np.abs(values) < SURE)
     if not len(small):
         return ()
-    M, residual, total, (w, v) = np.zeros(K.shape), np.zeros(len(small)), 0, (left[:, small], right[:, small])
-    moving = lifting.size - 1 - (len(lifting.basis.inputs) if hold == "zoh" else 0)
-    for run in data:
-        for psi, after in snapshot_pairs(run, lifting, hold):
-            r = after @ v[:moving] + psi[:, moving:] @ v[moving:] - (psi @ v) * values[small]
-            M += psi.T @ psi
-            residual += (np.abs(r) ** 2).sum(axis=0)
-            total += len(psi)
-    d = np.sqrt(np.diag(M))
-    spread = np.linalg.solve(M / np.outer(d, d), w / d[:, None])
-    variance = (w.conj() / d[:, None] * spread).sum(axis=0).real * residual / total
+    w, v = left[:, small], right[:, small]
+    used = _whole(data) if parts is None else _one_block(parts)
+    work = partial(_residuals, lifting=lifting, hold=hold, k=values[small], v=v)
+    sums = block_sums(data, used, work, 1, within=True)[0]
+    d = np.sqrt(np.diag(sums.M))
+    spread = np.linalg.solve(sums.M / np.outer(d, d), w / d[:, None])
+    variance = (w.conj() / d[:, None] * spread).sum(axis=0).real * sums.squares / sums.pairs
     error = np.sqrt(np.maximum(variance, 0)) / np.abs((w.conj() * v).sum(axis=0))
     return tuple(complex(values[k]) for k, e in zip(small, error, strict=True) if np.abs(values[k]) < 3 * e)
 

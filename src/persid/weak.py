@@ -10,11 +10,13 @@ from numpy import ndarray
 
 from persid.basis import Basis
 from persid.gram import BLOCK, Rows
-from persid.trajectories import Trajectories, Trajectory
+from persid.recordings import Measurements, Part, lengths, segments
+from persid.trajectories import Trajectory
 
 NOISE_RATIO = 30.0  # a window is long enough when the state moves by this many standard deviations of its noise
 LONGEST_WINDOW = 64
 ENOUGH = 20_000  # samples of a run that are enough to judge its noise
+MOST_JUDGED = 20  # runs whose noise is judged
 EQUAL = 1e-9  # relative spread of steps that counts as none
 FEW_TERMS = 4  # up to so many are added one by one, more by differences of running sums
 
@@ -79,13 +81,18 @@ def _window_sums(pieces: ndarray, terms: int, stride: int, out: ndarray) -> None
         out[first + stride :: stride] -= sums[: rows - 1]
 
 
-def choose_window(data: Trajectories) -> int:
+def choose_window(data: Measurements) -> int:
     """Return the shortest even window over which every state moves by many times its measurement noise.
 
-    The noise is read off third differences, which smooth motion hardly enters.
+    The noise is read off third differences, which smooth motion hardly enters, at the beginnings of at most 20 runs.
     """
-    longest = min(LONGEST_WINDOW, max(2, min(len(run) for run in data) // 20))
-    window, runs = 2, [run[:ENOUGH].x for run in data]
+    counts = lengths(data)
+    longest = min(LONGEST_WINDOW, max(2, min(counts) // 20))
+    if longest < 4:
+        return 2
+    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), MOST_JUDGED)).astype(int))
+    heads = segments(data, [Part(int(r), 0, min(counts[r], ENOUGH), 0) for r in chosen])
+    window, runs = 2, [run.x for run in heads]
     while 2 * window <= longest and not _moves_enough(runs, window):
         window *= 2
     return window
