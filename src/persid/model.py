@@ -10,13 +10,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy.sparse import csc_array
 
+import persid_check
+from persid import columns
+from persid.columns import Sparse
 from persid.errors import ModelError
 from persid.files import write_atomically
 from persid.functions import ScalarFunction, scalar_function
 from persid.trajectories import Trajectories
 
 FORMAT = "persid-model-1"
+
+DENSE_ENTRIES = 20_000_000  # numbers that a sparse model may take when its matrices are filled in
 
 Input = Any  # (N, m) samples, held; or a function of t; or None for u_ref
 
@@ -26,8 +32,8 @@ class Term:
     """One term A f(R (x - x_ref)); `f` has one function per row of R, and R = None is the identity."""
 
     f: tuple[ScalarFunction, ...]
-    R: Float[ndarray, "k n"] | None
-    A: Float[ndarray, "n k"]
+    R: Float[ndarray, "k n"] | Sparse | None
+    A: Float[ndarray, "n k"] | Sparse
 
     def arguments(self, dx: Float[ndarray, "*N n"]) -> Float[ndarray, "*N k"]:
         """Return R dx."""
@@ -63,15 +69,16 @@ class PersidskiiModel:
 
     Paper: eq:main_system_Per, eq:change_variable_P_system.
 
+    Matrices of a large network (A0, each A and R, B) may be SciPy sparse ones; they are kept as `csc_array`.
     `domain` is the box of the data, one (lo, hi) per state, or None; `provenance` is never used in a proof.
 
     Raises:
         ModelError: shapes do not fit, a number is not finite, or a function is not of the grammar.
     """
 
-    A0: Float[ndarray, "n n"]
+    A0: Float[ndarray, "n n"] | Sparse
     terms: tuple[Term, ...]
-    B: Float[ndarray, "n m"]
+    B: Float[ndarray, "n m"] | Sparse
     b: Float[ndarray, " n"]
     x_ref: Float[ndarray, " n"]
     u_ref: Float[ndarray, " m"]
@@ -95,8 +102,10 @@ class PersidskiiModel:
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
         n = _dimension(A0, terms, B)
-        A0 = _array("A0", np.zeros((n, n)) if A0 is None else A0, (n, n))
-        B = _array("B", np.zeros((n, 0)) if B is None else B, (n, None))
+        sparse = any(columns.is_sparse(part) for term in terms for part in _matrices(term))
+        A0 = (csc_array((n, n)) if sparse else np.zeros((n, n))) if A0 is None else A0
+        A0 = _matrix("A0", A0, (n, n))
+        B = _matrix("B", np.zeros((n, 0)) if B is None else B, (n, None))
         m = B.shape[1]
         values = {
             "A0": A0,
@@ -105,7 +114,7 @@ class PersidskiiModel:
             "b": _array("b", np.zeros(n) if b is None else b, (n,)),
             "x_ref": _array("x_ref", np.zeros(n) if x_ref is None else x_ref, (n,)),
             "u_ref": _array("u_ref", np.zeros(m) if u_ref is None else u_ref, (m,)),
-            "states": _names("states", states or [f"x{i + 1}" for i in range(n)], n),
+            "states": _names("states", states, n) if states else tuple(f"x{i + 1}" for i in range(n)),
             "inputs": _names("inputs", inputs or [f"u{i + 1}" for i in range(m)], m),
             "domain": None if domain is None else _array("domain", domain, (n, 2)),
             "provenance": dict(provenance or {}),
@@ -123,9 +132,32 @@ class PersidskiiModel:
         """Number of inputs."""
         return len(self.inputs)
 
+    @property
+    def is_sparse(self) -> bool:
+        """Whether a matrix is a sparse one."""
+        found = [self.A0, self.B, *(part for term in self.terms for part in (term.A, term.R))]
+        return any(columns.is_sparse(part) for part in found)
+
+    def dense(self) -> "PersidskiiModel":
+        """Return the model with its matrices filled in; itself where it has no sparse ones.
+
+        Raises:
+            ModelError: they are too large to be filled in.
+        """
+        if not self.is_sparse:
+            return self
+        size = self.n * (self.n + sum(len(term.f) * (1 + (term.R is not None)) for term in self.terms))
+        if size > DENSE_ENTRIES:
+            raise ModelError(f"{self.n} states are too many for matrices that are not sparse; certify works on them")
+        terms = [(list(term.f), _filled(term.R), _filled(term.A)) for term in self.terms]
+        kept = {name: getattr(self, name) for name in ("b", "x_ref", "u_ref", "states", "inputs", "domain")}
+        return PersidskiiModel(_filled(self.A0), terms, _filled(self.B), **kept, provenance=self.provenance)
+
     @cached_property
     def channels(self) -> Channels:
         """The scalar channels, in the order of the terms; terms with f = x are merged into A0."""
+        if self.is_sparse:
+            return self.dense().channels
         A0, rows, columns, functions = self.A0.copy(), [], [], []
         for term in self.terms:
             R = np.eye(self.n) if term.R is None else term.R
@@ -145,14 +177,14 @@ class PersidskiiModel:
             dot = dot + term.values(dx) @ term.A.T
         return dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T
 
-    def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
-        """Return the matrix of derivatives of x' by x at one state, in 1/s."""
+    def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"] | Sparse:
+        """Return the matrix of derivatives of x' by x at one state, in 1/s; a sparse one for a sparse model."""
         dx = np.asarray(x, float) - self.x_ref
-        J = self.A0.copy()
+        J: Any = self.A0.copy()
         for term in self.terms:
             scaled = term.A * term.derivatives(dx)
-            J += scaled if term.R is None else scaled @ term.R
-        return J
+            J = J + (scaled if term.R is None else scaled @ term.R)
+        return csc_array(J) if self.is_sparse else J
 
     def simulate(
         self, x0: Any, t: Float[ndarray, " N"], u: Input = None, *, rtol: float = 1e-8, atol: float = 1e-10
@@ -168,6 +200,8 @@ class PersidskiiModel:
         """
         from persid.integrate import integrate
 
+        if self.is_sparse:
+            return self.dense().simulate(x0, t, u, rtol=rtol, atol=atol)
         x0 = _array("x0", x0, (self.n,))
         t = np.array(t, float)
         if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
@@ -235,17 +269,20 @@ class PersidskiiModel:
             "inputs": list(self.inputs),
             "x_ref": self.x_ref.tolist(),
             "u_ref": self.u_ref.tolist(),
-            "A0": self.A0.tolist(),
+            "A0": _listed(self.A0),
             "terms": [_term_dict(term) for term in self.terms],
-            "B": self.B.tolist(),
+            "B": _listed(self.B),
             "b": self.b.tolist(),
             "domain": None if self.domain is None else self.domain.tolist(),
             "provenance": self.provenance,
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "PersidskiiModel":
-        """Return the model of an object such as `model.json` holds; unknown fields are refused."""
+    def from_dict(cls, data: Mapping[str, Any], folder: Path | None = None) -> "PersidskiiModel":
+        """Return the model of an object such as `model.json` holds; unknown fields are refused.
+
+        `folder` is where companions of sparse matrices stand.
+        """
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise ModelError(f'a model has "format": "{FORMAT}"')
         unknown = set(data) - set(_FIELDS)
@@ -254,6 +291,8 @@ class PersidskiiModel:
         missing = {"states", "B", "terms"} - set(data)
         if missing:
             raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
+        if persid_check.sparse.is_sparse(data):
+            return cls(**columns.load(data, folder))
         values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
         n, m = len(data["states"]), len(data.get("inputs") or [])
         values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
@@ -261,15 +300,20 @@ class PersidskiiModel:
         return cls(**values)
 
     def save(self, path: str | Path) -> None:
-        """Write `model.json`: reading it gives the same binary64 numbers back. Written beside, then renamed."""
-        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        """Write `model.json`: reading it gives the same binary64 numbers back. Written beside, then renamed.
+
+        The arrays of a large sparse model go to a companion of the same stem, .npz.
+        """
+        large = self.is_sparse and self.n > columns.FILLED_STATES
+        content = columns.save(self, Path(path)) if large else self.to_dict()
+        write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     @cached_property
     def sha256(self) -> str:
         """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
-        from persid_check import model_sha256
-
-        return model_sha256(self.to_dict())
+        if self.is_sparse and self.n > columns.FILLED_STATES:
+            return persid_check.model.sha256_of(columns.exact(self).form())
+        return persid_check.model_sha256(self.to_dict())
 
 
 _FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")
@@ -283,7 +327,7 @@ def load_model(path: str | Path) -> PersidskiiModel:
     """
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-        return PersidskiiModel.from_dict(data)
+        return PersidskiiModel.from_dict(data, Path(path).parent)
     except (ModelError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ModelError(f"{path}: {error}") from None
 
@@ -295,8 +339,24 @@ def _refuse_constant(text: str) -> float:
 def _dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
     for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
         if candidate is not None and np.ndim(candidate) == 2:
-            return len(candidate)
+            return int(np.shape(candidate)[0])
     raise ModelError("the number of states is unknown: give A0, B or a term")
+
+
+def _matrices(term: Any) -> tuple[Any, Any]:
+    return (term.A, term.R) if isinstance(term, Term) else (_part(term, "A", 2), _part(term, "R", 1))
+
+
+def _filled(matrix: Any) -> Any:
+    return matrix.toarray() if columns.is_sparse(matrix) else matrix
+
+
+def _listed(matrix: Any) -> Any:
+    return columns.triplets(matrix) if columns.is_sparse(matrix) else matrix.tolist()
+
+
+def _matrix(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
+    return columns.compressed(name, value, shape) if columns.is_sparse(value) else _array(name, value, shape)
 
 
 def _part(term: Any, key: str, place: int) -> Any:
@@ -329,19 +389,19 @@ def _term(index: int, term: Any, n: int) -> Term:
     if isinstance(term, Mapping) and set(term) - {"f", "R", "A"}:
         raise ModelError(f"terms[{index}] has an unknown field; known: f, R, A")
     f, R, A = (_part(term, key, place) for place, key in enumerate("fRA"))
-    R = None if R is None else _array(f"terms[{index}].R", R, (None, n))
-    k = n if R is None else len(R)
+    R = None if R is None else _matrix(f"terms[{index}].R", R, (None, n))
+    k = n if R is None else R.shape[0]
     names = [f] * k if isinstance(f, str | ScalarFunction) else list(f)
+    known = {name: name if isinstance(name, ScalarFunction) else scalar_function(name) for name in dict.fromkeys(names)}
     if len(names) != k:
         raise ModelError(f"terms[{index}].f has {len(names)} functions; needed is one, or one per row of R ({k})")
-    functions = tuple(name if isinstance(name, ScalarFunction) else scalar_function(name) for name in names)
-    return Term(functions, R, _array(f"terms[{index}].A", A, (n, k)))
+    return Term(tuple(known[name] for name in names), R, _matrix(f"terms[{index}].A", A, (n, k)))
 
 
 def _term_dict(term: Term) -> dict[str, Any]:
     texts = [f.text for f in term.f]
     return {
         "f": texts[0] if len(set(texts)) == 1 else texts,
-        "R": None if term.R is None else term.R.tolist(),
-        "A": term.A.tolist(),
+        "R": None if term.R is None else _listed(term.R),
+        "A": _listed(term.A),
     }
