@@ -25,6 +25,7 @@ LANES, BARS, MOST_ATTEMPTS = 24, 6, 20
 STYLE: dict[Any, Any] = {"font.family": "sans-serif", "font.size": 10, "svg.fonttype": "none", "axes.linewidth": 0.8}
 # Colours of the figures become variables of the page, so that they suit a light and a dark screen.
 THEME = {
+    "#000000": "currentColor",
     plots.INK: "currentColor",
     "#ffffff": "var(--card)",
     plots.MEASURED: "var(--measured)",
@@ -56,7 +57,7 @@ class Drawing:
         text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{self.name}-", text)
         text = re.sub(r"(?<=: )#[0-9a-f]{6}\b", lambda found: THEME.get(found[0], found[0]), text)
         width = self.figure.get_figwidth()  # in inches; letters stay readable between these widths on the screen
-        size = f"min-width: {4.1 * width:.3g}rem; max-width: {6 * width:.3g}rem"
+        size = f"min-width: {4.6 * width:.3g}rem; max-width: {6 * width:.3g}rem"
         head = f'<svg role="img" aria-label="{escape(self.alt)}" style="{size}" '
         return Markup(text.replace("<svg ", head, 1))
 
@@ -114,9 +115,11 @@ def overview(data: Trajectories) -> Drawing:
     plots.overview(axes[0], data, columns)
     most = f" (the first {plots.MOST_RUNS} runs)" if len(data) > plots.MOST_RUNS else ""
     some = f"; drawn are {len(columns)} of {len(names)} columns" if len(columns) < len(names) else ""
+    count = len(plots.gaps(data[: plots.MOST_RUNS]))
+    gaps = f" {_count(count, 'gap')}, where nothing was measured: shaded." if count else ""
     caption = (
         f"The measurements{most}: states (blue) and held inputs (black), each scaled to its range, which stands at the "
-        f"right. Where nothing was measured the ground is shaded{some}."
+        f"right{some}.{gaps}"
     )
     alt = f"{_count(len(data), 'run')} with {_count(data.samples, 'sample')} of {', '.join(names[c] for c in columns)}."
     return Drawing("overview", figure, f"{alt} {caption}", caption)

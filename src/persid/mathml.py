@@ -23,13 +23,14 @@ def equation(model: PersidskiiModel, state: int, digits: int = 4) -> tuple[str, 
 
     Terms are elements of their own, since browsers break lines between them but not inside one.
     """
-    left = f"{_name(model.states[state], dot=True)}<mo>=</mo>"
+    name = f'<mi>d</mi><mspace width=".12em"/>{_name(model.states[state])}'
+    rate = f"<mfrac><mrow>{name}</mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
     found: list[str] = []
     for weight, what in _products(model, state):
         sign = (_MINUS if found else _NEGATIVE) if weight < 0 else (_PLUS if found else "")
         number = "" if abs(weight) == 1 and what else _number(abs(weight), digits) + (_TIMES if what else "")
         found.append(_math(sign + number + what))
-    return _math(left), tuple(found) or (_math("<mn>0</mn>"),)
+    return _math(f'<mstyle displaystyle="true">{rate}</mstyle><mo>=</mo>'), tuple(found) or (_math("<mn>0</mn>"),)
 
 
 def count(model: PersidskiiModel) -> int:
@@ -54,14 +55,12 @@ def _products(model: PersidskiiModel, i: int) -> list[tuple[float, str]]:
     return [(a, what) for a, what in [*found, (float(model.b[i]), "")] if a != 0]
 
 
-def _name(name: str, dot: bool = False) -> str:
+def _name(name: str) -> str:
     """A letter with a number behind it gets an index; other names stand upright, as they are."""
     head = name.rstrip("0123456789").rstrip("_")
-    indexed = len(head) == 1 and name != head
-    body = f"<mi>{escape(head if indexed else name)}</mi>"
-    if dot:
-        body = f'<mover accent="false">{body}<mo>&#x2D9;</mo></mover>'
-    return f"<msub>{body}<mn>{escape(name[1:].lstrip('_'))}</mn></msub>" if indexed else body
+    if len(head) == 1 and name != head:
+        return f"<msub><mi>{escape(head)}</mi><mn>{escape(name[1:].lstrip('_'))}</mn></msub>"
+    return f"<mi>{escape(name)}</mi>"
 
 
 def _number(value: float, digits: int = 6) -> str:

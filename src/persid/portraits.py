@@ -187,7 +187,11 @@ def _sectors(certificate: Certificate) -> list[Drawing]:
         words.append(f"along {along}: {1 + len(group.members)} functions with y itself, {forms} forms")
     legend(figure, axes, 3)
     where = "on the region" if certificate.claim == "R" else "for all y, also beyond what is drawn"
-    some = f" Drawn are {count} of {len(certificate.content['groups'])} groups." if count == GROUPS else ""
+    some = (
+        f" Drawn are {count} of {len(certificate.content['groups'])} groups."
+        if count < len(certificate.content["groups"])
+        else ""
+    )
     caption = (
         "The functions of each group (blue) and the sector forms that the proof relies on (thin): each has the sign of "
         f"y, so it stays in the shaded quadrants; the checker has proved this {where}.{some}"

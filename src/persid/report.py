@@ -22,7 +22,7 @@ from persid.model import PersidskiiModel
 from persid.summary import above, below, headline, limits, summarize
 from persid.trajectories import Trajectories, Trajectory
 
-CELLS = 4000  # a larger table of coefficients is left to model.json
+CELLS, COLUMNS = 4000, 20  # a larger table of coefficients is left to model.json
 TERMS, EQUATIONS = 400, 4  # of a model with more terms only the first equations are set
 MOST_ROWS = 40  # of a table of runs, columns or eigenvalues
 MOST_SAMPLES = 20_000  # on which terms are compared
@@ -177,7 +177,9 @@ def _coefficients(model: PersidskiiModel) -> list[tuple[str, list[float]]] | Non
     channels = model.channels
     table = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]])
     names = plots.term_names(model)
-    return None if table.size > CELLS else [(name, row) for name, row in zip(names, table.T.tolist(), strict=True)]
+    if table.size > CELLS or model.n > COLUMNS:
+        return None
+    return [(name, row) for name, row in zip(names, table.T.tolist(), strict=True)]
 
 
 def _overview(data: Trajectories) -> list[tuple[str, str, list[float]]]:

@@ -64,7 +64,8 @@ def contributions(
     keep = keep[sizes[keep] > 0][::-1]
     ax.barh(np.arange(len(keep)), sizes[keep], color=MODEL, height=0.62)
     ax.set_yticks(np.arange(len(keep)), [short(names[k]) for k in keep])
-    ax.set_xlabel(f"root mean square in d({short(model.states[state])})/dt")
+    ax.set_title(f"d({short(model.states[state])})/dt", fontsize="medium")
+    ax.set_xlabel("root mean square")
     tidy(ax).grid(axis="y", visible=False)
     return ax
 

@@ -40,7 +40,7 @@ def overview(ax: Axes, data: Trajectories, columns: Sequence[int] | None = None)
         ax.text(
             1.01, -lane, f"{low:.4g} … {high:.4g}", transform=ax.get_yaxis_transform(), va="center", fontsize="small"
         )
-    for a, b in _gaps(runs, starts, one_clock):
+    for a, b in gaps(runs):
         ax.axvspan(a, b, color=MODEL, alpha=0.18, lw=0)
     if not one_clock:
         for start in starts[1:]:
@@ -65,9 +65,12 @@ def _range(parts: Sequence[Float[ndarray, " _"]]) -> tuple[float, float]:
     return (low, high) if high > low else span(np.array([low]), 0.5)
 
 
-def _gaps(runs: Trajectories, starts: Sequence[float], one_clock: bool) -> list[tuple[float, float]]:
-    """Return where nothing was measured: long steps inside runs, and the time between runs on one clock."""
-    found = []
+def gaps(runs: Trajectories) -> list[tuple[float, float]]:
+    """Return where nothing was measured, as times of the overview: long steps in runs, and between runs on one clock.
+
+    A step is long beyond three median steps of its run; at most 200 are returned.
+    """
+    found, (starts, one_clock) = [], _starts(runs)
     for start, run in zip(starts, runs, strict=True):
         steps, t = np.diff(run.t), run.t - run.t[0] + start
         found += [(float(t[k]), float(t[k + 1])) for k in np.flatnonzero(steps > LONG * np.median(steps))]
@@ -86,7 +89,7 @@ def free_run(ax: Axes, measured: Trajectory, found: Trajectory, state: int, name
     if found.diverged_at is not None:
         blow_up(ax, found.diverged_at)
     ax.set_xlabel("t in s")
-    ax.set_ylabel(short(name))
+    ax.set_ylabel(short(name, 15))
     return tidy(ax)
 
 
@@ -108,7 +111,7 @@ def residuals(ax: Axes, t: Float[ndarray, " N"], residual: Float[ndarray, " N"],
     ax.plot(*thin(t, residual), color=MEASURED, lw=0.8)
     ax.set_ylim(*limits(residual))
     ax.set_xlabel("t in s")
-    ax.set_ylabel(short(name))
+    ax.set_ylabel(short(name, 15))
     return tidy(ax)
 
 

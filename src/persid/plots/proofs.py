@@ -23,13 +23,12 @@ def level_sets(
 ) -> Axes:
     """Draw level sets of V over two states, the others at the operating point, on the phase portrait.
 
-    `box` is one (lo, hi) per state, by default that of a regional claim (whose certified region is shaded), or else the
-    model's domain with the operating point, widened.
+    `box` is one (lo, hi) per state, by default a frame about the certified region of a regional claim (which is
+    shaded), or else the model's domain with the operating point, widened.
     """
     model, point, (i, j) = certificate.model, certificate.operating_point, states
     region = certificate.content if certificate.claim == "R" else {}
-    certified = np.array([[value(lo), value(hi)] for lo, hi in region.get("box", [])]).reshape(-1, 2)
-    box = box_of(model, certified if box is None and region else box, point)
+    box = _frame(certificate, states) if box is None and region else box_of(model, box, point)
     phase_portrait(ax, model, box, states, runs, point)
     X, Y, points = mesh(box, states, GRID, point)
     with np.errstate(all="ignore"):
@@ -40,6 +39,18 @@ def level_sets(
         ax.contourf(X, Y, V, levels=[V.min() - 1, value(region["level"])], colors=LEVEL, alpha=0.12, zorder=0)
     ax.plot(point[i], point[j], marker="o", ms=6, color=INK, ls="none", zorder=4, label="operating point")
     return ax
+
+
+def _frame(certificate: Certificate, states: Sequence[int]) -> ndarray:
+    """The box of a regional claim, in the plane of two states cut down to the region with a margin about it."""
+    box = np.array([[value(lo), value(hi)] for lo, hi in certificate.content["box"]])
+    _, _, points = mesh(box, states, 2 * GRID, certificate.operating_point)
+    inside = points[certificate.V(points) <= value(certificate.content["level"])]
+    for k in states if len(inside) else ():
+        low, high = float(inside[:, k].min()), float(inside[:, k].max())
+        margin = 0.3 * (high - low)
+        box[k] = max(box[k, 0], low - margin), min(box[k, 1], high + margin)
+    return box
 
 
 def _levels(V: ndarray) -> ndarray:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-MEASURED, MODEL, LEVEL, FIELD, FORM, INK = "#0072b2", "#d55e00", "#009e73", "#888888", "#cc79a7", "#000000"
+MEASURED, MODEL, LEVEL, FIELD, FORM, INK = "#0072b2", "#d55e00", "#009e73", "#888888", "#cc79a7", "#111111"
 POINTS = 700  # a longer curve is drawn by its extremes in so many intervals
 DASHES = (0, (4, 2))
 
