@@ -57,7 +57,7 @@ class Drawing:
         text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{self.name}-", text)
         text = re.sub(r"(?<=: )#[0-9a-f]{6}\b", lambda found: THEME.get(found[0], found[0]), text)
         width = self.figure.get_figwidth()  # in inches; letters stay readable between these widths on the screen
-        size = f"min-width: {4.6 * width:.3g}rem; max-width: {6 * width:.3g}rem"
+        size = f"--least: {4.6 * width:.3g}rem; --most: {6 * width:.3g}rem"
         head = f'<svg role="img" aria-label="{escape(self.alt)}" style="{size}" '
         return Markup(text.replace("<svg ", head, 1))
 
