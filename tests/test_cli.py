@@ -228,8 +228,8 @@ def test_run_refuted(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _identified(path: str) -> Callable[..., Any]:
-    def identify(measured: ps.Trajectories, functions: Any, ridge: Any) -> Any:
-        fit = ps.PersidskiiIdentifier(functions=functions, ridge=0.01).fit(measured)
+    def identify(measured: ps.Trajectories, **how: Any) -> Any:
+        fit = ps.PersidskiiIdentifier(functions=how["functions"], ridge=0.01).fit(measured)
         fit.model_ = ps.load_model(path)
         return fit
 
@@ -530,7 +530,7 @@ def test_ctrl_c_in_a_real_process(here: Path) -> None:
     """A process that is interrupted exits with 130 and leaves nothing."""
     code = (
         "import os, signal, sys, persid.cli as cli, persid.fit_commands as fits;"
-        "fits._identify = lambda *a: os.kill(os.getpid(), signal.SIGINT);"
+        "fits._identify = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT);"
         f"sys.exit(cli.main({RUN!r}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=_environment())

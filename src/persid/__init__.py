@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from persid.obstruction import Obstruction as Obstruction
     from persid.readers import read_csv as read_csv
     from persid.readers import read_parquet as read_parquet
+    from persid.recordings import Recordings as Recordings
     from persid.sindy import from_pysindy as from_pysindy
+    from persid.surveys import open_recordings as open_recordings
     from persid.trajectories import Trajectories as Trajectories
     from persid.trajectories import Trajectory as Trajectory
     from persid.witness import Witness as Witness
@@ -49,6 +51,8 @@ _HOMES = {
     "persid.model": ("PersidskiiModel", "load_model"),
     "persid.obstruction": ("Obstruction",),
     "persid.readers": ("read_csv", "read_parquet"),
+    "persid.recordings": ("Recordings",),
+    "persid.surveys": ("open_recordings",),
     "persid.sindy": ("from_pysindy",),
     "persid.trajectories": ("Trajectories", "Trajectory"),
     "persid.witness": ("Witness",),
@@ -70,6 +74,7 @@ __all__ = [
     "PersidError",
     "PersidskiiIdentifier",
     "PersidskiiModel",
+    "Recordings",
     "Refuted",
     "Rejected",
     "Trajectories",
@@ -85,6 +90,7 @@ __all__ = [
     "from_pysindy",
     "load_certificate",
     "load_model",
+    "open_recordings",
     "plots",
     "read_csv",
     "read_parquet",

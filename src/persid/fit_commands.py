@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from persid.options import MEASUREMENTS, NEW_FILE, NEW_FOLDER, fitting, proving, reading, talking
+from persid.options import MEASUREMENTS, NEW_FILE, NEW_FOLDER, fitting, proving, reading, talking, where
 from persid.outcomes import DONE, EXIT, question, refuse_unwritable, uninterrupted, verdict_rows
 from persid.talk import Talk
 
 if TYPE_CHECKING:
-    from persid.trajectories import Trajectories
+    from persid.recordings import Measurements
 
 
 @click.command()
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
-    data: tuple[Path, ...], functions: Any, ridge: Any, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    output: Path, as_json: bool, quiet: bool, **how: Any,
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, operating_point: Any, u_op: Any, domain: str,
+    time_limit: float, output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -43,14 +43,16 @@ def run(
     from persid.certify import certify
     from persid.constrained import Delivery, deliver
     from persid.summary import comparison_rows, summarize
+    from persid.surveys import files_of
 
     talk = Talk(as_json, quiet)
     refuse_unwritable(output)
     with talk.progress() as progress:
         progress("reading the measurements")
+        data = tuple(files_of(data))
         measured = folder.read_measurements(data, **how)
         progress("identifying the model")
-        fit = _identify(measured, functions, ridge)
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         usual = domain == "global" and operating_point is None and u_op is None
@@ -72,27 +74,33 @@ def run(
 @MEASUREMENTS
 @reading
 @fitting
+@click.option("--derivatives", is_flag=True, help="Append smoothed velocities to the states.")
+@where
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
 @talking
 def identify(
-    data: tuple[Path, ...], functions: Any, ridge: Any, output: Path, as_json: bool, quiet: bool, **how: Any
-) -> int:
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, derivatives: bool, output: Path, as_json: bool,
+    quiet: bool, **how: Any,
+) -> int:  # fmt: skip
     """Identify a generalized Persidskii model from measurements.
+
+    DATA are CSV or Parquet files, folders of them, or patterns in quotes such as "data/*.parquet"; every file is a
+    trajectory of its own, or several. With --engine chunks or dask they are read chunk by chunk, so that they may be
+    larger than the memory.
 
     \b
     Example:
       persid identify examples/traffic.csv --states x1,x2 --inputs u -o model.json
     """
     from persid.equations import equations
-    from persid.folder import read_measurements
 
     talk = Talk(as_json, quiet)
     refuse_unwritable(output)
     with talk.progress() as progress:
         progress("reading the measurements")
-        measured = read_measurements(data, **how)
+        measured = _measurements(data, progress=progress, **how)
         progress("identifying the model")
-        fit = _identify(measured, functions, ridge)
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method, derivatives=int(derivatives))
     output.parent.mkdir(parents=True, exist_ok=True)
     fit.model_.save(output)
     text = equations(fit.model_)
@@ -103,10 +111,28 @@ def identify(
     return DONE
 
 
-def _identify(measured: "Trajectories", functions: Any, ridge: Any) -> Any:
+def _measurements(
+    data: Sequence[Path], engine: str, scheduler: str | None, run_column: str | None, progress: Any, **how: Any
+) -> "Measurements":
+    """Read measurements into memory, or look through them where they are."""
+    from persid.folder import read_measurements
+    from persid.surveys import files_of, open_recordings
+
+    files = files_of(list(data))
+    if engine == "memory":
+        if scheduler or run_column:
+            raise click.UsageError("--scheduler and --run-column go with --engine dask (or chunks)")
+        return read_measurements(files, **how)
+    chosen = "dask" if engine == "dask" else None
+    if scheduler and not chosen:
+        raise click.UsageError("--scheduler goes with --engine dask")
+    return open_recordings(files, run=run_column, engine=chosen, scheduler=scheduler, progress=progress, **how)
+
+
+def _identify(measured: "Measurements", **how: Any) -> Any:
     from persid.identify import PersidskiiIdentifier
 
-    return PersidskiiIdentifier(functions=functions, ridge=ridge).fit(measured)
+    return PersidskiiIdentifier(**how).fit(measured)
 
 
 def _deliver(output: Path, results: Any) -> str:
@@ -139,7 +165,7 @@ def _count(count: int, what: str) -> str:
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
-def _data_rows(paths: Sequence[Path], data: "Trajectories") -> list[tuple[str, str]]:
+def _data_rows(paths: Sequence[Path], data: "Measurements") -> list[tuple[str, str]]:
     name = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
     counts = [_count(len(data), "run"), _count(data.samples, "sample")]
     counts += [_count(len(data.states), "state"), _count(len(data.inputs), "input")]

@@ -72,7 +72,9 @@ def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
-MEASUREMENTS = click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA.csv...")
+MEASUREMENTS = click.argument(
+    "data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DATA.csv..."
+)  # files, folders, patterns in quotes
 
 talking = together(
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else."),
@@ -93,6 +95,21 @@ fitting = together(
     click.option("--ridge", type=Ridge(), default="auto", show_default=True,
                  help="Strength of the ridge on scaled columns; auto chooses it by validation. More ridge is easier "
                       "to certify and fits less well."),
+    click.option("--method", type=click.Choice(["weak", "derivative", "edmd"]), default="weak", show_default=True,
+                 help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
+)  # fmt: skip
+where = together(
+    click.option("--engine", type=click.Choice(["memory", "chunks", "dask"]), default="memory", show_default=True,
+                 help="All data in memory; chunk by chunk in this process; or chunk by chunk on Dask."),
+    click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786; else threads."),
+    click.option("--run-column", metavar="NAME", help="Parquet column that tells runs apart (chunks, dask)."),
+)  # fmt: skip
+batching = together(
+    click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True,
+                 help="Models that are decided at the same time, each in a process of its own."),
+    click.option("--engine", type=click.Choice(["processes", "dask"]), default="processes", show_default=True,
+                 help="Where they are decided."),
+    click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786."),
 )  # fmt: skip
 proving = together(
     click.option("--operating-point", type=Numbers(),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from threading import Timer
 from typing import Any
 
+BAR = 20  # characters of a bar of progress
 PATIENCE = 2.0  # s of work after which a person is told what goes on
 COLORS = {"certified": "32", "accepted": "32", "refuted": "31", "rejected": "31", "undecided": "33", "malformed": "31"}
 
@@ -66,7 +68,16 @@ class Progress:
 
     def _draw(self, line: str) -> None:
         width = os.get_terminal_size(sys.stderr.fileno()).columns - 1
-        print(f"\r\x1b[K{line[:width]}", end="", file=sys.stderr, flush=True)
+        print(f"\r\x1b[K{with_bar(line)[:width]}", end="", file=sys.stderr, flush=True)
+
+
+def with_bar(line: str) -> str:
+    """Put a bar before a line that counts, such as "summing: 3 of 8 chunks"."""
+    found = re.search(r"(\d+) of (\d+)", line)
+    if not found or int(found[2]) == 0:
+        return line
+    done = BAR * min(int(found[1]), int(found[2])) // int(found[2])
+    return f"[{'#' * done}{'.' * (BAR - done)}] {line}"
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:

@@ -78,7 +78,7 @@ def _window_sums(pieces: ndarray, terms: int, stride: int, out: ndarray) -> None
         sums = np.cumsum(pieces[first::stride], axis=0)
         rows = len(out[first::stride])
         out[first::stride] = sums[terms - 1 : terms - 1 + rows]
-        out[first + stride :: stride] -= sums[: rows - 1]
+        out[first + stride :: stride] -= sums[: max(rows - 1, 0)]
 
 
 def choose_window(data: Measurements) -> int:
