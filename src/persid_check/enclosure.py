@@ -123,10 +123,14 @@ class Interval:
         return self.lo.union(self.hi)
 
 
-@lru_cache(maxsize=4096)
 def constant(value: Fraction) -> Interval:
     """Return the tightest interval about a fraction."""
-    return enclose(arb(fmpq(value.numerator, value.denominator)))
+    return _constant(value.numerator, value.denominator)
+
+
+@lru_cache(maxsize=4096)
+def _constant(numerator: int, denominator: int) -> Interval:  # a fraction would be slow to hash
+    return enclose(arb(fmpq(numerator, denominator)))
 
 
 def enclose(ball: arb) -> Interval:

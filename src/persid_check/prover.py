@@ -378,7 +378,7 @@ def _marched(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: "
 def _march(side: Side, end: Fraction, steps: int, integral: "Integral") -> bool:
     """One pass in equal steps: the gap stays >= 0 over a step that begins at a and has the gap's derivative >= k there,
     where gap(a) + k * width >= 0 or k >= 0."""
-    if side.shift is None and not _starts_at_zero(side):
+    if not side.starts_at_zero:
         return False
     area, width, slopes = constant(_ZERO), end / steps, None
     for i in range(steps):
@@ -395,15 +395,6 @@ def _march(side: Side, end: Fraction, steps: int, integral: "Integral") -> bool:
         error = constant(width * width / 8) * Interval((D.lo - D.hi).lower(), (D.hi - D.lo).upper())
         area = area + constant(width) * middle + error
     return True
-
-
-def _starts_at_zero(side: Side) -> bool:
-    """Whether G(0) = 0 exactly, so that G / t is a mean of D."""
-    try:
-        G = side.on(constant(_ZERO))[0]
-    except UndefinedError:
-        return False
-    return bool(G.lo == 0 and G.hi == 0)
 
 
 def _keeps(

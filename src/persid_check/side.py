@@ -1,16 +1,18 @@
 """One side s = +t or s = -t of a curve, t >= 0, and the proof that an expression in (t, G, D) is not negative there."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TypeVar
 
-from flint import fmpq
+from flint import arb, fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program
+from persid_check.taylor import LOCAL, Series, least, somewhere, variable
 
 Curve = tuple[tuple[Program, Fraction], ...]
 Form = tuple[Fraction, ...]
@@ -34,44 +36,86 @@ class Side:
     sign: int
     shift: Shift
 
-    def at(self, t: E, y: E) -> tuple[E, E]:
-        """Return G(t) and its derivative; `y` is y* as an element of the same kind."""
-        sign = t.constant(Fraction(self.sign))
-        G, D = t.constant(self.form[0]) * t, t.constant(self.form[0])
-        for c, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
-            scale, factor = t.constant(alpha), t.constant(c)
-            f, slope = value_and_slope(program, scale * (y + sign * t), scale)
-            G, D = G + factor * sign * self._change(f, program, scale * y), D + factor * slope
-        return G, D
-
-    def value_at(self, t: E, y: E) -> E:
-        """Return G(t) alone."""
-        sign = t.constant(Fraction(self.sign))
-        G = t.constant(self.form[0]) * t
-        for c, (program, alpha) in zip(self.form[1:], self.curve, strict=True):
-            scale = t.constant(alpha)
-            f = value(program, scale * (y + sign * t))
-            G = G + t.constant(c) * sign * self._change(f, program, scale * y)
-        return G
-
-    def _change(self, f: E, program: Program, start: E) -> E:
-        return f if self.shift is None else f - value(program, start)
-
     def on(self, t: Interval) -> tuple[Interval, Interval]:
-        """Return enclosures over an interval of t."""
+        """Return enclosures of G and of its derivative D over an interval of t."""
         center, radius = self.shift or (_ZERO, _ZERO)
-        return self.at(t, between(center - radius, center + radius))
+        parts = _rises(self.curve, self.sign, self.shift, t, between(center - radius, center + radius))
+        return self._sum(t, [g for g, _ in parts]), self._sum(t.constant(_ONE), [d for _, d in parts])
+
+    def _sum(self, first: E, others: Sequence[E]) -> E:
+        """Combine the entries of phi, or of its derivative, by the form."""
+        total = first.constant(self.form[0]) * first
+        for c, other in zip(self.form[1:], others, strict=True):
+            total = total + first.constant(c) * other
+        return total
+
+    @cached_property
+    def starts_at_zero(self) -> bool:
+        """Whether G(0) = 0 exactly, so that G / t is a mean of D."""
+        if self.shift is not None:
+            return True
+        try:
+            G = self.on(constant(_ZERO))[0]
+        except UndefinedError:
+            return False
+        return bool(G.lo == 0 and G.hi == 0)
+
+    def series(self, low: Fraction, high: Fraction) -> tuple[Series, Series, Series]:
+        """Return t, G and D as Taylor series about every point of an interval of t."""
+        center, radius = self.shift or (_ZERO, _ZERO)
+        t = variable(low, high)
+        G = self._sum(t, _changes(self.curve, self.sign, self.shift, t, somewhere(center - radius, center + radius)))
+        return t, G, G.derivative()
 
     def beyond(self, Y: Fraction, *, inverse: bool = False, slope: bool = False) -> tuple[Expansion, ...]:
         """Return t, G (and D with `slope`) on [Y, infinity), or with `inverse` on (0, 1/Y], as expansions."""
-        horizon = Horizon(Y)
-        key = (fmpq(0), fmpq(-1 if inverse else 1), fmpq(0))
-        t = Expansion(horizon, [(key, fmpq(1))])
-        center, radius = self.shift or (_ZERO, _ZERO)
-        y = t.constant(center)
-        if radius:
-            y = Expansion(horizon, [(CONSTANT, between(center - radius, center + radius))])
-        return (t, *self.at(t, y)) if slope else (t, self.value_at(t, y))
+        found = _beyond(self.curve, self.sign, self.shift, Y, inverse, slope)
+        if found is None:
+            raise UndefinedError("no expansion")
+        t, parts = found
+        G = self._sum(t, [part[0] for part in parts])
+        return (t, G, self._sum(t.constant(_ONE), [part[1] for part in parts])) if slope else (t, G)
+
+
+def _changes(curve: Curve, sign: int, shift: Shift, t: E, y: E) -> list[E]:
+    """Return sign * f(alpha (y + sign * t)) of each channel, shifted by y* (`y`, an element of the same kind)."""
+    direction = t.constant(Fraction(sign))
+    places = [(program, t.constant(alpha)) for program, alpha in curve]
+    found = [value(program, scale * (y + direction * t)) for program, scale in places]
+    if shift is not None:
+        found = [f - value(program, scale * y) for f, (program, scale) in zip(found, places, strict=True)]
+    return found if sign > 0 else [-f for f in found]
+
+
+def _rises(curve: Curve, sign: int, shift: Shift, t: E, y: E) -> list[tuple[E, E]]:
+    """Return the same with the derivatives by t."""
+    direction = t.constant(Fraction(sign))
+    found = []
+    for program, alpha in curve:
+        scale = t.constant(alpha)
+        f, slope = value_and_slope(program, scale * (y + direction * t), scale)
+        change = f if shift is None else f - value(program, scale * y)
+        found.append((change if sign > 0 else -change, slope))
+    return found
+
+
+@lru_cache(maxsize=4096)
+def _beyond(
+    curve: Curve, sign: int, shift: Shift, Y: Fraction, inverse: bool, slope: bool
+) -> tuple[Expansion, list[tuple[Expansion, ...]]] | None:
+    """Return t and each channel's change (and its derivative) on [Y, infinity), or on (0, 1/Y]; None if undefined."""
+    horizon = Horizon(Y)
+    t = Expansion(horizon, [((fmpq(0), fmpq(-1 if inverse else 1), fmpq(0)), fmpq(1))])
+    center, radius = shift or (_ZERO, _ZERO)
+    y = t.constant(center)
+    if radius:
+        y = Expansion(horizon, [(CONSTANT, between(center - radius, center + radius))])
+    try:
+        if slope:
+            return t, list(_rises(curve, sign, shift, t, y))
+        return t, [(change,) for change in _changes(curve, sign, shift, t, y)]
+    except UndefinedError:
+        return None
 
 
 @dataclass(frozen=True)
@@ -143,6 +187,10 @@ class Proof:
 
     def _germ(self, last: Fraction | None) -> Fraction | None:
         """The length of an interval (0, h] on which the expansion at 0 proves the property."""
+        if self.side.starts_at_zero:
+            near = next((h for h in GERMS if (last is None or h <= last) and self._by_taylor(_ZERO, h)), None)
+            if near is not None:
+                return near
         if self.side.shift is not None and self.side.shift[1] and self.wanted.origin is not None:
             return None
         tried = [h for h in GERMS if last is None or h < last]
@@ -167,6 +215,9 @@ class Proof:
 
     def _piece(self, a: Fraction, b: Fraction) -> bool | None:
         """True: proved on [a, b]; False: disproved somewhere; None: neither."""
+        smooth = self._by_taylor(a, b)
+        if smooth is not None:
+            return smooth
         t = between(a, b)
         try:
             G, D = self.side.on(t)
@@ -180,6 +231,28 @@ class Proof:
             return None if self.wanted.slope is None else self._by_slope(a, b, self.wanted.slope(D))
         except UndefinedError:
             return None
+
+    def _by_taylor(self, a: Fraction, b: Fraction) -> bool | None:
+        """Taylor's formula about the middle; or about 0, where the expression vanishes, divided by t."""
+        vanishes = a == 0 and self.wanted.origin is not None
+        m = a if vanishes else (a + b) / 2
+        try:
+            about, over = self._coefficients(m, m), self._coefficients(a, b)
+        except UndefinedError:
+            return None
+        if vanishes:
+            about, over = about[1:], over[1:]
+        elif about[0] < 0:
+            return False
+        bound = least(about[:-1], over[-1], constant(b - m).hi, both_sides=not vanishes)
+        return True if (bound > 0 if self.strict else bound >= 0) else None
+
+    def _coefficients(self, low: Fraction, high: Fraction) -> list[arb]:
+        """The expression's Taylor coefficients about every point of an interval; LOCAL - 1, since D has so many."""
+        expression = self.wanted.expression(*self.side.series(low, high))
+        if not isinstance(expression, Series):
+            raise TypeError("not a series")
+        return expression.coefficients(LOCAL - 1)
 
     def _by_slope(self, a: Fraction, b: Fraction, slope: Interval) -> bool | None:
         """Where the expression is monotone its lower end decides; else the mean value theorem about the middle."""
