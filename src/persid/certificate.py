@@ -54,6 +54,11 @@ class Certificate:
             raise RoundingError(f"the checker does not accept it: {where}: {getattr(answer, 'why', answer)}")
         return cls(data, answer.claim, answer.statement, answer.steps)
 
+    def _repr_html_(self) -> str:
+        from persid.tables import of_certificate
+
+        return of_certificate(self)
+
     def save(self, path: str | Path) -> None:
         """Write the accepted bytes."""
         write_atomically(path, self.data)
@@ -66,7 +71,7 @@ class Certificate:
     @cached_property
     def model(self) -> PersidskiiModel:
         """The model of which the certificate speaks."""
-        return PersidskiiModel.from_dict(_decimal(self.content["model"]))
+        return PersidskiiModel.from_dict(plain_model(self.content["model"]))
 
     @property
     def scope(self) -> str:
@@ -284,7 +289,7 @@ def _lines(entry: Any, depth: int = 1) -> str:
     )
 
 
-def _decimal(form: Any) -> Any:
+def plain_model(form: Any) -> Any:
     """Turn the canonical form's hexadecimal floats back into numbers."""
     data = dict(form)
     for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):

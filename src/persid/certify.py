@@ -60,6 +60,11 @@ class _Verdict:
     def __bool__(self) -> NoReturn:
         raise TypeError("a verdict is not true or false; ask verdict.is_certified, or match its class")
 
+    def _repr_html_(self) -> str:
+        from persid.tables import of_verdict
+
+        return of_verdict(self)
+
     @property
     def is_certified(self) -> bool:
         """Whether the model is certified."""

@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from persid import plots
 from persid.diagnostics import FitReport
+from persid.equations import term_names
 from persid.freerun import one_step, score
 from persid.model import PersidskiiModel
 from persid.trajectories import Trajectories, Trajectory
@@ -230,7 +231,7 @@ def correlations(model: PersidskiiModel, x: ndarray, u: ndarray) -> list[Drawing
     alike = np.abs(R[np.tril_indices(len(names), -1)])
     close = int((alike > plots.COLLINEAR).sum())
     found = f"{close or 'No'} pair{'' if close == 1 else 's'}"
-    some = f" (the first {len(names)} terms)" if len(names) < len(plots.term_names(model)) - 1 else ""
+    some = f" (the first {len(names)} terms)" if len(names) < len(term_names(model)) - 1 else ""
     caption = (
         f"How alike two terms are on the data{some}: the area of a disk is the size of their correlation, positive "
         f"(blue) or negative (red). {found} above 0.99 (ringed): of such a pair the data determine the sum only."

@@ -24,6 +24,14 @@ def equations(model: PersidskiiModel, form: str = "text", digits: int = 4) -> An
     return "\n".join(_line(model, i, form, digits) for i in range(model.n))
 
 
+def term_names(model: PersidskiiModel) -> list[str]:
+    """Return the names of all terms: states, channels such as tanh(x1/2), inputs, constant."""
+    channels = model.channels
+    pairs = zip(channels.functions, channels.rows, strict=True)
+    found = [_substitute(f.text, _argument(model, row, latex=False)) for f, row in pairs]
+    return [*model.states, *(name.replace("**", "^").replace("*", " ") for name in found), *model.inputs, "constant"]
+
+
 def _line(model: PersidskiiModel, i: int, form: str, digits: int) -> str:
     pieces = [(value, what) for value, what in _products(model, i, form) if value != 0]
     text = ""
@@ -41,10 +49,10 @@ def _line(model: PersidskiiModel, i: int, form: str, digits: int) -> str:
 def _products(model: PersidskiiModel, i: int, form: str) -> list[tuple[float, str]]:
     latex = form == "latex"
     channels = model.channels
-    found = [
-        (float(a), _shifted(n, float(r), latex)) for a, n, r in zip(model.A0[i], model.states, model.x_ref, strict=True)
-    ]
-    for c, f in enumerate(channels.functions):
+    linear = zip(channels.A0[i], model.states, model.x_ref, strict=True)
+    found = [(float(a), _shifted(n, float(r), latex)) for a, n, r in linear]
+    for c in np.flatnonzero(channels.columns[i]):
+        f = channels.functions[c]
         argument = _argument(model, channels.rows[c], latex)
         body = f.latex(argument) if latex else _substitute(f.text, argument)
         found.append((float(channels.columns[i, c]), body))
@@ -88,7 +96,7 @@ def _scaled(weight: float, body: str, latex: bool) -> str:
 def _substitute(text: str, argument: str) -> str:
     simple = re.fullmatch(r"\w+", argument)
     inside = re.fullmatch(r"\w+\(x\)", text)
-    return re.sub(r"\bx\b", argument if simple or inside else f"({argument})", text)
+    return re.sub(r"\bx\b", lambda _: argument if simple or inside else f"({argument})", text)
 
 
 def _sympy(model: PersidskiiModel) -> list[Any]:

@@ -122,6 +122,11 @@ class PersidskiiModel:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def _repr_html_(self) -> str:
+        from persid.tables import of_model
+
+        return of_model(self)
+
     @property
     def n(self) -> int:
         """Number of states."""
@@ -184,7 +189,9 @@ class PersidskiiModel:
         for term in self.terms:
             scaled = term.A * term.derivatives(dx)
             J = J + (scaled if term.R is None else scaled @ term.R)
-        return csc_array(J) if self.is_sparse else J
+        if self.is_sparse:
+            J = csc_array(J)
+        return J
 
     def simulate(
         self, x0: Any, t: Float[ndarray, " N"], u: Input = None, *, rtol: float = 1e-8, atol: float = 1e-10

@@ -12,10 +12,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy import ndarray
 
-from persid import drawings, mathml, plots, portraits
+from persid import drawings, mathml, portraits
 from persid.certify import Certified, Refuted
 from persid.drawings import Drawing, FreeRun
-from persid.equations import equations
+from persid.equations import equations, term_names
 from persid.files import write_atomically
 from persid.folder import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS, Results
 from persid.model import PersidskiiModel
@@ -176,7 +176,7 @@ def _coefficients(model: PersidskiiModel) -> list[tuple[str, list[float]]] | Non
     """Return the table of coefficients, one row a term; None where it would be too large to read."""
     channels = model.channels
     table = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]])
-    names = plots.term_names(model)
+    names = term_names(model)
     if table.size > CELLS or model.n > COLUMNS:
         return None
     return [(name, row) for name, row in zip(names, table.T.tolist(), strict=True)]

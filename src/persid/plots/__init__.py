@@ -14,7 +14,6 @@ from persid.plots.fields import (
     correlation_matrix,
     correlations,
     phase_portrait,
-    term_names,
     terms,
     vector_field,
 )
@@ -63,7 +62,6 @@ __all__ = [
     "residuals",
     "sector_forms",
     "short",
-    "term_names",
     "terms",
     "validation_curve",
     "vector_field",

@@ -1,6 +1,5 @@
 """Figures of a model: where it moves to, what its terms add, and which of them the data cannot tell apart."""
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
+from persid.equations import term_names
 from persid.model import PersidskiiModel
 from persid.plots.style import FIELD, FORM, MEASURED, MODEL, short, thin_path, tidy
 from persid.trajectories import Trajectory
@@ -119,28 +119,6 @@ def _columns(model: PersidskiiModel, x: ndarray, u: ndarray) -> ndarray:
     with np.errstate(all="ignore"):
         pairs = zip(model.channels.functions, model.channels.rows, strict=True)
         return np.column_stack([dx, *(f.value(dx @ row) for f, row in pairs), u - model.u_ref, np.ones(len(x))])
-
-
-def term_names(model: PersidskiiModel) -> list[str]:
-    """Return the names of the terms that every equation may hold: states, channels, inputs, the constant."""
-    channels = [_channel_name(model, c) for c in range(len(model.channels.functions))]
-    return [*model.states, *channels, *model.inputs, "constant"]
-
-
-def _channel_name(model: PersidskiiModel, c: int) -> str:
-    """The function with its argument written out, such as tanh(x1/2) or ((x1 - 3)/4)^3."""
-    row, text = model.channels.rows[c], model.channels.functions[c].text
-    parts = [_scaled(float(row[k]), model.states[k], float(model.x_ref[k])) for k in np.flatnonzero(row)]
-    inside = " + ".join(parts) or "0"
-    alone = inside.isidentifier() or re.fullmatch(r"\w+\(x\)", text)
-    return re.sub(r"\bx\b", lambda _: inside if alone else f"({inside})", text).replace("**", "^")
-
-
-def _scaled(weight: float, name: str, reference: float) -> str:
-    body = f"({name} {'-' if reference > 0 else '+'} {abs(reference):.4g})" if reference else name
-    if weight == 1:
-        return body
-    return f"{body}/{1 / weight:.4g}" if (1 / weight).is_integer() else f"{weight:.4g} {body}"
 
 
 def box_of(model: PersidskiiModel, box: Any, point: Any = None) -> Float[ndarray, "n 2"]:

@@ -87,7 +87,7 @@ def bound(ax: Axes, certificate: Certificate, run: Trajectory, others: Sequence[
     ax.set_ylim(bottom=0)
     ax.set_xlabel("t in s from the start")
     ax.set_ylabel("|x - x*|")
-    ax.legend(frameon=False, loc="upper right")
+    ax.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     return tidy(ax)
 
 
