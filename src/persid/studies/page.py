@@ -8,8 +8,8 @@ from typing import Any
 import matplotlib as mpl
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from persid.drawings import STYLE, Drawing
 from persid.files import write_atomically
-from persid.report import STYLE, Drawing
 from persid.studies.tables import Study
 
 FIGURES = "figures"

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from persid.report import Drawing
+from persid.drawings import Drawing
 
 Figure = float | int | str | None
 
