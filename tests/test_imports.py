@@ -37,6 +37,7 @@ system integrals descent
 lmi
 search proof witness
 obstruction setting rates frame
+polish
 starts
 certify
 constrained
