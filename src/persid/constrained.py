@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -20,6 +21,7 @@ from persid.frame import Demand
 from persid.freerun import Score
 from persid.identify import PersidskiiIdentifier
 from persid.model import PersidskiiModel
+from persid.refine import Pieces
 from persid.starts import Line, Result, Task, best_certified, sketch
 from persid.trajectories import Trajectories, Trajectory
 
@@ -213,7 +215,7 @@ class CertifiedIdentifier(BaseEstimator):
         deadline = began + self.time_limit
         table = tuple(self._candidates(data, deadline)) if y is None else ()
         self.table_ = table
-        result, history, chosen = self._final(X, y, given, _shortened(data), table, deadline)
+        result, history, chosen = self._final(X, y, given, data, table, deadline)
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
         self._deliver(result, data, seconds)
@@ -239,7 +241,8 @@ class CertifiedIdentifier(BaseEstimator):
         history: tuple[Line, ...] = ()
         for demand in self._demands(fitted):
             task = self._task(fitted, ridge, demand, deadline)
-            result, lines = best_certified(replace(task, score=lambda model: _error(model, data, self.free_.hold)))
+            score = partial(_error, data=_shortened(data), hold=self.free_.hold)
+            result, lines = best_certified(replace(task, score=score, pieces=Pieces.of(data, self.free_.hold)))
             history += lines
             if result is not None and self._meets(result.certificate):
                 return result, history
@@ -298,7 +301,8 @@ class CertifiedIdentifier(BaseEstimator):
             found = sketch(self._task(fitted, ridge, next(self._demands(fitted)), began + left))
             error, excess = np.inf, np.inf
             if found is not None:
-                error, excess = _error(fitted.gram_.basis.model(found[0]), test, self.free_.hold), found[1]
+                error = _error(fitted.gram_.basis.model(found.theta), test, self.free_.hold)
+                excess = found.excess
             yield Candidate(functions, ridge, found is not None, error, excess, time.perf_counter() - began)
 
     def _ridges(self, n: int) -> list[float]:
@@ -316,8 +320,7 @@ class CertifiedIdentifier(BaseEstimator):
         free, certified = (
             freerun.free_run_score(model, runs, self.free_.hold) for model in (self.free_.model_, self.model_)
         )
-        certified_lines = [line for line in self.history_ if line.certified]
-        best = next((line for line in certified_lines if result and line.excess == result.excess), None)
+        best = next((line for line in reversed(self.history_) if line.certified), None)
         if result is None:
             self.stop_ = "No certified model was found; model_ is the free fit, which has no certificate."
             reason = Reason.TIME if seconds >= self.time_limit else Reason.STALLED  # nothing is proved by finding none

@@ -171,7 +171,10 @@ def _factor(H: ndarray, bilinear: ndarray, K: int) -> Callable[[ndarray], ndarra
     J = bilinear.shape[1]
     A[:K, K : K + J] += bilinear
     A[K : K + J, :K] += bilinear.T
-    scale = 1 / np.sqrt(np.diag(A))
+    diagonal = np.diag(A)
+    if not (diagonal > 0).all():
+        return None
+    scale = 1 / np.sqrt(diagonal)
     A *= scale
     A *= scale[:, None]
     A[np.diag_indices_from(A)] += 1e-13

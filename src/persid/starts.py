@@ -15,12 +15,17 @@ from persid.equilibrium import OperatingPoint, find_operating_point, prove
 from persid.frame import Coefficients, Demand, Frame, about
 from persid.gram import Gram
 from persid.model import PersidskiiModel
+from persid.polish import polish
 from persid.proof import write
+from persid.refine import Pieces
 
 FULL_P_STATES = 12  # a full P takes part up to this many states
 PATH = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # stronger ridges whose fits are starts as well
 ENOUGH = 0.05  # a fit whose residuals grow by less than this share needs no other start
 DAMPING = 1e-2  # of the linear start: its functions get -DAMPING P^-1
+BEATEN = "It satisfies the matrix inequality, but follows the data no better than the best so far; it was not proved."
+PROVED = 3  # polished points that are tried to be proved, the best first
+SKETCHED = 6  # rounds that polish a sketch
 RATES = 8  # halvings of the rate that a regional proof tries
 
 Make = Callable[[Coefficients], PersidskiiModel]
@@ -30,7 +35,8 @@ Make = Callable[[Coefficients], PersidskiiModel]
 class Task:
     """What is fitted, what has to be shown about it, and until when (`time.perf_counter`).
 
-    `score` is the free-run error by which certified results are compared; None compares their residuals.
+    `score` is the free-run error by which certified results are compared; None compares their residuals. Fits are
+    polished on `pieces` of the data, where these are given.
     """
 
     gram: Gram
@@ -42,6 +48,7 @@ class Task:
     deadline: float = np.inf
     progress: Callable[[str], None] = lambda line: None
     score: Callable[[PersidskiiModel], float] | None = None
+    pieces: Pieces | None = None
 
     def left(self) -> float:
         """Seconds until the deadline."""
@@ -66,20 +73,38 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A certified model, its certificate, the growth of its residuals over the free fit, its error by the score."""
+    """A certified model, its certificate, the growth of its residuals over the free fit, its error by the score.
+
+    `point` of `frame` is where it was found.
+    """
 
     model: PersidskiiModel
     certificate: Certificate
-    theta: Coefficients
     excess: float
     error: float
+    frame: Frame
+    point: Point
+
+    @property
+    def theta(self) -> Coefficients:
+        """The coefficients of the model."""
+        return self.frame.theta(self.point.w)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """How one start ended: its descent, its certified result, and whether it was left unproved as no better."""
+
+    descent: Descent
+    result: Result | None = None
+    beaten: bool = False
 
 
 def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
     """Return the certified model of smallest error among those found, None where none was, and the history.
 
-    Every start runs in turn until a fit loses next to nothing or the time is over; a later start counts only where it
-    is better, so the result is never worse than the best certified start.
+    Every start runs in turn until a fit loses next to nothing or the time is over; a later start counts, and is proved,
+    only where it is better, so the result is never worse than the best certified start. The best one is then polished.
     """
     best: Result | None = None
     lowest = np.inf
@@ -91,21 +116,57 @@ def best_certified(task: Task) -> tuple[Result | None, tuple[Line, ...]]:
     for name, frame, theta in _attempts(task, so_far):
         began = time.perf_counter()
         task.progress(f"fitting under the certificate, {name}")
-        found, descent = _descent(task, frame, theta)
-        if found is not None:
-            best = found if best is None or found.error < best.error else best
-            lowest = min(lowest, found.excess)
+        end = _descent(task, frame, theta, np.inf if best is None else best.error)
+        descent, best = end.descent, end.result or best
         excess = np.inf if descent.point is None else frame.excess(frame.theta(descent.point.w))
-        lines.append(
-            Line(name, descent.stop.value, excess, found is not None, time.perf_counter() - began, descent.steps)
-        )
+        if end.result is not None or end.beaten:
+            lowest = min(lowest, excess)
+        stop = BEATEN if end.beaten else descent.stop.value
+        lines.append(Line(name, stop, excess, end.result is not None, time.perf_counter() - began, descent.steps))
         if task.left() <= 0 or lowest < ENOUGH:
             break
+    if best is not None and task.pieces is not None and task.left() > 0:
+        best, line = _polished(task, best, task.pieces)
+        lines.append(line)
     return best, tuple(lines)
 
 
-def sketch(task: Task) -> tuple[Coefficients, float] | None:
-    """Return the first strictly feasible fit with the growth of its residuals, unproved; None where none is found."""
+def _polished(task: Task, best: Result, pieces: Pieces) -> tuple[Result, Line]:
+    """Return the best of the polished points that is certified and better, else the result as it was."""
+    began = time.perf_counter()
+    task.progress("lowering the free-run error under the certificate")
+    points, found = polish(best.frame, best.point, pieces, task.left), best
+    for point in points[:PROVED]:
+        model, error = _judged(task, best.frame, point)
+        result = _proved(task, best.frame, point, model, error) if error < best.error else None
+        if result is not None:
+            found = result
+            break
+    stop = "Its free runs follow the data better." if found is not best else "Its free runs could not be bettered."
+    line = Line("best so far, polished by free runs", stop, found.excess, found is not best, 0.0, len(points))
+    return found, replace(line, seconds=time.perf_counter() - began)
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A strictly feasible fit that is not proved: a point of a frame."""
+
+    frame: Frame
+    point: Point
+
+    @property
+    def theta(self) -> Coefficients:
+        """The coefficients."""
+        return self.frame.theta(self.point.w)
+
+    @property
+    def excess(self) -> float:
+        """The growth of the residuals over the free fit."""
+        return self.frame.excess(self.theta)
+
+
+def sketch(task: Task) -> Sketch | None:
+    """Return the first strictly feasible fit, polished where the task has pieces; None where none is found."""
     for name, frame, theta in _attempts(task, lambda: None):
         task.progress(f"trying under the certificate, {name}")
         try:
@@ -113,8 +174,8 @@ def sketch(task: Task) -> tuple[Coefficients, float] | None:
         except np.linalg.LinAlgError:
             continue
         if descent.point is not None:
-            fitted = frame.theta(descent.point.w)
-            return fitted, frame.excess(fitted)
+            better = () if task.pieces is None else polish(frame, descent.point, task.pieces, task.left, SKETCHED)
+            return Sketch(frame, (*better, descent.point)[0])
         if task.left() <= 0:
             break
     return None
@@ -137,6 +198,8 @@ def _attempts(task: Task, best: Callable[[], Result | None]) -> Iterator[tuple[s
             yield f"free fit, its equilibrium, {word}", task.frame(full, anchor), free
         if best() is not None:
             break
+    if best() is not None and task.pieces is not None:  # where it began matters little once it is polished
+        return
     full = 1 < n <= FULL_P_STATES
     yield from _fewer_functions(task, full, range(len(gram.basis.terms)) if len(gram.basis.terms) > 1 else ())
     if best() is not None:
@@ -234,27 +297,44 @@ def damped_linear(frame: Frame) -> Coefficients:
     return np.where(np.isfinite(frame.fixed), frame.fixed, np.where(gram.structure.parameter >= 0, theta, 0.0))
 
 
-def _descent(task: Task, frame: Frame, theta: Coefficients) -> tuple[Result | None, Descent]:
-    """Descend from coefficients and prove the end; where the proof fails, once more with ten times the margin."""
+def _descent(task: Task, frame: Frame, theta: Coefficients, bar: float) -> _End:
+    """Descend from coefficients and, where the error is below a bar, prove the end.
+
+    Where the proof fails, once more with ten times the margin.
+    """
     try:
         start = frame.start(theta, task.left())
         descent = descend(frame.inequality, frame.fit, start, time_limit=task.left())
         for _ in range(2):
             if descent.point is None:
                 break
-            fitted = frame.theta(descent.point.w)
-            model = task.make(fitted)
-            certificate = certificate_of(task, frame, model, descent.point)
-            if certificate is not None:
-                excess = frame.excess(fitted)
-                error = excess if task.score is None else task.score(model)
-                return Result(model, certificate, fitted, excess, error), descent
+            model, error = _judged(task, frame, descent.point)
+            if np.isfinite(bar) and not error < bar:
+                return _End(descent, beaten=True)
+            result = _proved(task, frame, descent.point, model, error)
+            if result is not None:
+                return _End(descent, result)
             frame = replace(frame, demand=replace(frame.demand, delta=10 * frame.demand.delta))
-            again = frame.start(fitted, task.left())
+            again = frame.start(frame.theta(descent.point.w), task.left())
             descent = descend(frame.inequality, frame.fit, again, time_limit=task.left())
-        return None, descent
+        return _End(descent)
     except np.linalg.LinAlgError:
-        return None, Descent(Stop.STALLED, None, np.inf, 0, ())
+        return _End(Descent(Stop.STALLED, None, np.inf, 0, ()))
+
+
+def _judged(task: Task, frame: Frame, point: Point) -> tuple[PersidskiiModel, float]:
+    """Return the model of a point and its error by the task's score."""
+    theta = frame.theta(point.w)
+    model = task.make(theta)
+    return model, frame.excess(theta) if task.score is None else task.score(model)
+
+
+def _proved(task: Task, frame: Frame, point: Point, model: PersidskiiModel, error: float) -> Result | None:
+    """Return the certified result of a point, None where the proof fails."""
+    certificate = certificate_of(task, frame, model, point)
+    if certificate is None:
+        return None
+    return Result(model, certificate, frame.excess(frame.theta(point.w)), error, frame, point)
 
 
 def certificate_of(task: Task, frame: Frame, model: PersidskiiModel, point: Point) -> Certificate | None:
