@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from persid import plots as plots
+    from persid.batches import Bootstrap as Bootstrap
+    from persid.batches import Failed as Failed
+    from persid.batches import bootstrap as bootstrap
+    from persid.batches import certify_many as certify_many
     from persid.certificate import Certificate as Certificate
     from persid.certificate import load_certificate as load_certificate
     from persid.certify import Certified as Certified
@@ -40,6 +44,7 @@ if TYPE_CHECKING:
     from persid_check import Rejected as Rejected
 
 _HOMES = {
+    "persid.batches": ("Bootstrap", "Failed", "bootstrap", "certify_many"),
     "persid.certificate": ("Certificate", "load_certificate"),
     "persid.certify": ("Certified", "Refuted", "Undecided", "certify"),
     "persid.checking": ("check",),
@@ -62,10 +67,12 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Accepted",
+    "Bootstrap",
     "Certificate",
     "Certified",
     "CertifiedIdentifier",
     "DataError",
+    "Failed",
     "GeneratorError",
     "Malformed",
     "ModelError",
@@ -83,7 +90,9 @@ __all__ = [
     "UnderdeterminedError",
     "Witness",
     "__version__",
+    "bootstrap",
     "certify",
+    "certify_many",
     "check",
     "equations",
     "find_operating_point",
