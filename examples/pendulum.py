@@ -1,14 +1,19 @@
 """Certify a region of a damped pendulum: how far may it swing, and how hard may it be pushed?
 
-    x1' = x2,   x2' = -sin x1 - 0.5 x2 + u          (x1 in rad, x2 in rad/s, u in rad/s^2)
+The pendulum rests at every multiple of pi, so no global claim can hold: certify proves that it is not globally
+stable. Inside a box about the lower position sin x has the sign of x, and a region can be certified. Nothing is said
+about states outside it; the pendulum may well return from many of them.
 
-It rests at every multiple of pi, so no global claim can hold; certify says so with a proof. Inside a box about the
-lower position sin x1 has the sign of x1, and a region can be certified.
+    x1' = x2,   x2' = -sin x1 - 0.5 x2 + u          (x1 in rad, x2 in rad/s, u in rad/s^2)
 
     python examples/pendulum.py
 """
 
+from pathlib import Path
+
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 import persid as ps
 
@@ -21,21 +26,20 @@ PENDULUM = ps.PersidskiiModel(
 )
 
 
-def main() -> None:
-    """Print the global verdict, and the regional one for boxes |x1| <= r."""
-    print(ps.certify(PENDULUM))
-    print(f"\n{'r':>4s} {'|torque| <=':>11s} {'angle in':>16s} {'rate 1/s':>9s} {'gain':>6s}")
-    for r in (1.0, 2.0, 3.0, 3.1):
-        verdict = ps.certify(PENDULUM, domain=[[-r, r], [-3.0 * r, 3.0 * r]])
-        if not isinstance(verdict, ps.Certified):
-            print(f"{r:4.1f} {verdict}")
-            continue
-        found = verdict.certificate
-        angles = np.linspace(-r, r, 2001)
-        inside = angles[found.V(np.stack([angles, 0 * angles], axis=1)) <= found.level]
-        reach = f"+-{inside.max():.2f} at rest"
-        print(f"{r:4.1f} {found.input_bound:11.3f} {reach:>16s} {found.rate:9.3f} {found.gain:6.2f}")
+def main() -> Figure:
+    """Print the global verdict and the regional ones for boxes |x1| <= r; draw the last two."""
+    print(ps.certify(PENDULUM), "\n")
+    print("   r  |torque| <=  angle at rest <=  rate 1/s   gain")
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
+    for ax, r in zip([None, None, *axes], (1.0, 2.0, 3.0, 3.1), strict=True):
+        found = ps.certify(PENDULUM, domain=[[-r, r], [-3 * r, 3 * r]]).certificate
+        angles = np.linspace(0, r, 2001)
+        reach = angles[found.V(np.stack([angles, 0 * angles], axis=1)) <= found.level].max()
+        print(f"{r:4.1f} {found.input_bound:12.3f} {reach:17.2f} {found.rate:9.3f} {found.gain:6.2f}")
+        if ax is not None:
+            ps.plots.level_sets(ax, found, box=[[-r, r], [-3, 3]]).set_title(f"box |angle| <= {r}")
+    return figure
 
 
 if __name__ == "__main__":
-    main()
+    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "pendulum.svg")

@@ -1,0 +1,78 @@
+"""Puts benchmarks/results/*.json into the page on benchmarks while the site is built: every figure, none chosen.
+
+The line `<!-- results -->` of docs/benchmarks.md is replaced: a section a file, single values in one table, lists of
+records in one table each, pictures of docs/images/benchmarks/ below.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS, PICTURES = ROOT / "benchmarks" / "results", ROOT / "docs" / "images" / "benchmarks"
+MARK = "<!-- results -->"
+MOST_ROWS = 60  # of a table; the file has all
+LONGEST = 60  # characters of a cell
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Fill the page: a hook of MkDocs."""
+    return markdown.replace(MARK, results()) if MARK in markdown else markdown
+
+
+def results(folder: Path = RESULTS) -> str:
+    """Return the sections of all files."""
+    return "\n\n".join(section(path) for path in sorted(folder.glob("*.json")))
+
+
+def section(path: Path) -> str:
+    """Return the section of one file of results."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content = content if isinstance(content, dict) else {"results": content}
+    command = f"python benchmarks/{path.stem}.py" if (ROOT / "benchmarks" / f"{path.stem}.py").is_file() else ""
+    parts = [f"## {path.stem.replace('_', ' ').capitalize()}", f"`{command}`, " if command else ""]
+    parts[1] += f"`benchmarks/results/{path.name}`"
+    singles = {name: value for name, value in content.items() if not isinstance(value, dict | list)}
+    parts += [table([{"": name, "value": value} for name, value in singles.items()])] if singles else []
+    for name, value in content.items():
+        if name not in singles:
+            parts += [f"**{name.replace('_', ' ')}**", block(value)]
+    pictures = sorted(PICTURES.glob(f"{path.stem}*.svg"))
+    parts += [f"![{picture.stem.replace('-', ' ')}](images/benchmarks/{picture.name})" for picture in pictures]
+    return "\n\n".join(parts)
+
+
+def block(value: Any) -> str:
+    """Return a list or an object as a table."""
+    if isinstance(value, list):
+        return table([row if isinstance(row, dict) else {"value": row} for row in value])
+    if value and all(isinstance(row, dict) for row in value.values()):
+        return table([{"": name, **row} for name, row in value.items()])
+    return table([{"": name, "value": row} for name, row in value.items()])
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return records as a table; columns in the order of their first appearance."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    if not rows:
+        return "none"
+    lines = [columns, ["---"] * len(columns), *([cell(row.get(name)) for name in columns] for row in rows[:MOST_ROWS])]
+    text = "\n".join("| " + " | ".join(column or " " for column in line) + " |" for line in lines)
+    more = f"\n\nThe first {MOST_ROWS} of {len(rows)} rows." if len(rows) > MOST_ROWS else ""
+    return text + more
+
+
+def cell(value: Any) -> str:
+    """Return a value as the text of one cell."""
+    if value is None:
+        return "—"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    text = ", ".join(f"{k}: {cell(v)}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+    if isinstance(value, list):
+        text = ", ".join(cell(v) for v in value)
+    text = " ".join(text.split())
+    short = text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+    return short.replace("|", "\\|").replace("<", "&lt;")
