@@ -38,8 +38,8 @@ lmi
 search proof witness
 obstruction setting rates frame
 polish
-starts
-certify
+starts candidates
+certify comparison
 constrained
 checking summary folder
 batches
