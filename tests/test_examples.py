@@ -1,10 +1,12 @@
 """The examples run, draw, and print what the gallery says that they print."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
-import matplotlib as mpl
 import pytest
 
 from shown import numbers, words
@@ -24,6 +26,20 @@ def _gallery() -> ModuleType:
     return module
 
 
+def _run(name: str, picture: Path) -> str:
+    """Run an example as a reader would, in a process of its own, with warnings as errors; return what it prints."""
+    code = (
+        "import sys; from pathlib import Path; import make_gallery as g; print(g.run(sys.argv[1], Path(sys.argv[2])))"
+    )
+    environment = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT / 'docs'}", "MPLBACKEND": "agg"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code, name, str(picture)],
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 GALLERY = _gallery()
 SHOWN = GALLERY.printed_before()
 
@@ -36,8 +52,7 @@ def test_example_prints_what_the_gallery_shows(name: str, tmp_path: Path) -> Non
     data = getattr(GALLERY.load(name), "DATA", None)
     if data is not None and not data.is_dir():
         pytest.skip("the real measurements are not on this machine; set PERSID_DATA to their folder")
-    with mpl.rc_context({"backend": "agg"}):
-        printed = GALLERY.run(name, tmp_path / "picture.svg")
+    printed = _run(name, tmp_path / "picture.svg")
     assert 5_000 < (tmp_path / "picture.svg").stat().st_size < LARGEST
     assert words(printed) == words(SHOWN[name])
     assert numbers(printed) == pytest.approx(numbers(SHOWN[name]), rel=0.1, abs=1e-9)
