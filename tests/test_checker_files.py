@@ -149,16 +149,25 @@ def test_exit_codes_alone_and_optimized(tmp_path: Path, options: tuple[str, ...]
 
 
 def test_the_sources_hold_no_assertion_and_no_evaluation() -> None:
-    """The checker's source has no assert, eval, exec or pickle, and imports only flint and the standard library."""
+    """The checker's source has no assert, eval, exec or pickle, and imports only flint and the standard library.
+
+    Modules of claim L1 import NumPy, within functions alone, to read large arrays.
+    """
     import ast
 
     allowed = {*sys.stdlib_module_names, "flint", "persid_check"}
     for path in sorted((SOURCES / "persid_check").glob("*.py")):
         tree = ast.parse(path.read_text())
+        network = path.stem in {"companion", "network", "sparse", "table"}
+        for node in tree.body:
+            assert "numpy" not in ast.dump(node) or not isinstance(node, ast.Import | ast.ImportFrom), path
         for node in ast.walk(tree):
             assert not isinstance(node, ast.Assert), path
             if isinstance(node, ast.Name):
                 assert node.id not in {"eval", "exec", "compile", "__import__"}, path
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert {name.split(".")[0] for name in names} <= allowed - {"pickle", "marshal"}, path
+            assert {name.split(".")[0] for name in names} <= (allowed | ({"numpy"} if network else set())) - {
+                "pickle",
+                "marshal",
+            }, path

@@ -14,14 +14,13 @@ from persid_check.model import model_sha256, sha256_of
 from persid_check.network import NetworkClaim, NetworkObstruction, prove_network, prove_no_weights, read_network
 from persid_check.refutation import prove_refutation
 from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
+from persid_check.work import allowance, limited
 
 Source = bytes | str | Path
 Networked = NetworkClaim | NetworkObstruction
 
 
-def check(
-    source: Source, model: Source | None = None, explain: bool = True, *, arrays: bytes | None = None
-) -> Result:
+def check(source: Source, model: Source | None = None, explain: bool = True, *, arrays: bytes | None = None) -> Result:
     """Check a certificate: bytes, or the path of a file; with `model`, it must be the certificate's model.
 
     Never raises for what a file holds. `explain` fills in the steps of an accepted proof. The companion of a large
@@ -36,7 +35,8 @@ def check(
         with ctx.workprec(PRECISION):
             claim = _read(json_text.read(data, floats=False), _folder(source), arrays)
             _same_model(claim, None if other is None else json_text.read(other, floats=True), _folder(model))
-            statement, steps = _prove(claim)
+            with limited(_allowance(claim)):
+                statement, steps = _prove(claim)
     except FormatError as error:
         return Malformed(error.where, error.why)
     except NotProvedError as error:
@@ -67,6 +67,10 @@ def _same_model(claim: Claimed | Networked, other: Any, folder: Path | None) -> 
         raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
     if other is not None and model_sha256(other, folder) != claim.subject.sha256:
         raise NotProvedError("model", "the certificate speaks of another model")
+
+
+def _allowance(claim: Claimed | Networked) -> int:
+    return allowance(len(claim.kinds if isinstance(claim, Networked) else claim.subject.groups))
 
 
 def _prove(claim: Claimed | Networked) -> tuple[str, tuple[str, ...]]:

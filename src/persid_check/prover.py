@@ -19,6 +19,7 @@ from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program
 from persid_check.side import (
     BUDGET,
+    EXPANSION,
     FINEST,
     GERMS,
     MONOTONE,
@@ -35,6 +36,7 @@ from persid_check.side import (
     as_interval,
     scaled,
 )
+from persid_check.work import remembered, spend
 
 MARCHES = (32, 256, 2048)  # steps, tried in this order
 ODD_FUNCTIONS = frozenset(["sin", "tan", "sinh", "tanh", "arcsinh", "arctan", "erf", "softsign", "deadzone", "sat"])
@@ -223,7 +225,7 @@ def prove_continuous(curve: Curve, domain: Domain = None, shift: Shift = None) -
     return True
 
 
-@lru_cache(maxsize=65536)
+@remembered
 def _continuous(program: Program, ends: Domain) -> bool:
     if ends is None:
         reach = next((Y for Y in TAILS if all(_defined_beyond(program, Y, sign) for sign in (1, -1))), None)
@@ -235,6 +237,7 @@ def _continuous(program: Program, ends: Domain) -> bool:
     while pieces:
         lo, hi = pieces.pop()
         budget -= 1
+        spend(len(program))
         try:
             value(program, between(lo, hi))
         except UndefinedError:
@@ -245,6 +248,7 @@ def _continuous(program: Program, ends: Domain) -> bool:
 
 
 def _defined_beyond(program: Program, Y: Fraction, sign: int) -> bool:
+    spend(EXPANSION * len(program))
     try:
         value(program, Expansion(Horizon(Y), [((fmpq(0), fmpq(1), fmpq(0)), fmpq(sign))]))
     except UndefinedError:
@@ -264,7 +268,7 @@ def _used(curve: Curve, form: Iterable[Fraction]) -> tuple[Curve, Form]:
     return tuple(pair for pair, _ in kept), (form[0] * scale, *(c for _, c in kept))
 
 
-@lru_cache(maxsize=65536)
+@remembered
 def _proved(curve: Curve, form: Form, domain: Domain, shift: Shift, wanted: Property, strict: bool) -> bool:
     if domain is not None and not domain[0] < 0 < domain[1]:
         return False
@@ -306,6 +310,7 @@ def _is_even_integer(value: Fraction | None) -> bool:
 def _some(places: Iterable[Fraction], side: Side, test: Callable[[Side, Expansion, Expansion], bool]) -> bool:
     """Whether a test holds for the expansion of G beyond one of the places."""
     for Y in places:
+        spend(EXPANSION * side.steps)
         try:
             t, G = side.beyond(Y)
             if test(side, t, G):
@@ -332,6 +337,7 @@ def _diverges(side: Side, t: Expansion, G: Expansion) -> bool:
 def _starts_positive(side: Side) -> bool:
     """Whether G > 0 on some (0, h]."""
     for h in GERMS:
+        spend(EXPANSION * side.steps)
         try:
             if side.shift is None:
                 if side.beyond(1 / h, inverse=True)[1].relative().lo > 0:
@@ -358,7 +364,7 @@ def _rises_somewhere(curve: Curve, form: Form, domain: Domain, shift: Shift) -> 
         return False
 
 
-@lru_cache(maxsize=65536)
+@remembered
 def _marched(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: "Integral") -> bool:
     """Prove an integral lemma by adding up the integral, on both sides of the domain."""
     if domain is not None and not domain[0] < 0 < domain[1]:
@@ -383,6 +389,7 @@ def _march(side: Side, end: Fraction, steps: int, integral: "Integral") -> bool:
     area, width, slopes = constant(_ZERO), end / steps, None
     for i in range(steps):
         a = i * width
+        spend(side.steps)
         try:
             t = between(a, a + width)
             G, D = side.on(t)

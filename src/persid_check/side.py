@@ -13,6 +13,7 @@ from persid_check.enclosure import Element, Interval, UndefinedError, between, c
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program
 from persid_check.taylor import LOCAL, Series, least, somewhere, variable
+from persid_check.work import spend
 
 Curve = tuple[tuple[Program, Fraction], ...]
 Form = tuple[Fraction, ...]
@@ -20,6 +21,7 @@ Domain = tuple[Fraction, Fraction] | None
 Shift = tuple[Fraction, Fraction] | None
 E = TypeVar("E", bound=Element)
 
+EXPANSION = 32  # steps on intervals that a step on an expansion counts for
 BUDGET = 3000  # evaluations on intervals for one side of one property
 FINEST = Fraction(1, 2**40)  # no interval is bisected below this part of the first one
 GERMS = tuple(Fraction(2) ** k for k in (3, 1, -1, -3, -6, -12, -24))
@@ -35,6 +37,11 @@ class Side:
     form: Form
     sign: int
     shift: Shift
+
+    @property
+    def steps(self) -> int:
+        """Instructions in its programs: the work of one evaluation."""
+        return sum((len(program) for program, _ in self.curve), 1)
 
     def on(self, t: Interval) -> tuple[Interval, Interval]:
         """Return enclosures of G and of its derivative D over an interval of t."""
@@ -170,6 +177,7 @@ class Proof:
 
     def _sign_beyond(self, Y: Fraction, *, inverse: bool) -> bool:
         """Whether the expansion proves the property; an expansion with the wrong sign ends the proof."""
+        spend(EXPANSION * self.side.steps)
         try:
             expression = self.wanted.expression(*self.side.beyond(Y, inverse=inverse, slope=self.wanted.needs_slope))
             if not isinstance(expression, Expansion) or not expression.terms:
@@ -204,6 +212,7 @@ class Proof:
         while pieces:
             a, b = pieces.pop()
             self.budget -= 1
+            spend(self.side.steps)
             verdict = self._piece(a, b)
             if verdict is None:
                 if self.budget <= 0 or b - a <= least:

@@ -1,0 +1,76 @@
+"""The work of one file, counted and limited: what is refused for its length is refused on every machine alike.
+
+A step is one instruction of a program run on one interval (an expansion counts as many). A proof that was made before,
+for another file, is found again and counts as if it were made now: the answer depends on the file alone.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import lru_cache, wraps
+from typing import ParamSpec
+
+from persid_check.results import NotProvedError
+
+BASE_STEPS = 5 * 10**6  # that the proofs of a file may take, and more for each of its groups of channels
+GROUP_STEPS = 10**5
+
+_Key = ParamSpec("_Key")
+
+
+def allowance(groups: int) -> int:
+    """Return the steps that a file with so many groups may take."""
+    return BASE_STEPS + GROUP_STEPS * groups
+
+
+class _Account:
+    """Steps spent in a file or in a proof, and the proofs of the file that have been counted."""
+
+    def __init__(self, limit: float) -> None:
+        self.spent, self.limit = 0, limit
+        self.counted: set[tuple[object, ...]] = set()
+
+
+_account: ContextVar[_Account | None] = ContextVar("_account", default=None)
+
+
+@contextmanager
+def limited(steps: float) -> Iterator[_Account]:
+    """Within this context a proof may take so many steps in all; then NotProvedError ends it."""
+    account = _Account(steps)
+    token = _account.set(account)
+    try:
+        yield account
+    finally:
+        _account.reset(token)
+
+
+def spend(steps: int) -> None:
+    """Count steps."""
+    account = _account.get()
+    if account is not None:
+        account.spent += steps
+        if account.spent > account.limit:
+            raise NotProvedError("groups", "to prove its forms takes too many steps: fewer or simpler ones are needed")
+
+
+def remembered(proof: Callable[_Key, bool]) -> Callable[_Key, bool]:
+    """Remember the answers of a proof, with the steps that each took; a file is charged once for each."""
+
+    @lru_cache(maxsize=65536)
+    def found(*key: object) -> tuple[bool, int]:
+        outer = _account.get()
+        with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
+            answer = proof(*key)  # type: ignore[arg-type]
+        return answer, inner.spent
+
+    @wraps(proof)
+    def run(*key: _Key.args, **_: _Key.kwargs) -> bool:
+        answer, steps = found(*key)
+        account = _account.get()
+        if account is not None and (proof.__name__, *key) not in account.counted:
+            account.counted.add((proof.__name__, *key))
+            spend(steps)
+        return answer
+
+    return run

@@ -1,0 +1,70 @@
+"""The checker's work on one file is counted and limited, and depends on the file alone."""
+
+from fractions import Fraction
+
+import pytest
+
+from checker import named
+from checker.maker import data
+from persid_check import Accepted, Rejected, check, prover, work
+from persid_check.expression import parse
+
+
+def spent(name: str) -> int:
+    """Return the steps that the proofs of a valid certificate take."""
+    for steps in range(4, 30):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(work, "BASE_STEPS", 2**steps)
+            patch.setattr(work, "GROUP_STEPS", 0)
+            if isinstance(check(data(named.load(name))), Accepted):
+                return 2**steps
+    raise ValueError("it is not accepted")
+
+
+def forget(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the prover forget every proof."""
+    for name in ("_proved", "_continuous", "_marched"):
+        monkeypatch.setattr(prover, name, work.remembered(getattr(prover, name).__wrapped__))
+
+
+@pytest.mark.parametrize("name", ["g_mixed_pair", "e_shifted", "r_pendulum", "refuted_marginal"])
+def test_a_file_beyond_the_limit_is_rejected(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With too small a limit a valid certificate is rejected, with a reason that says so."""
+    monkeypatch.setattr(work, "BASE_STEPS", 3)
+    monkeypatch.setattr(work, "GROUP_STEPS", 0)
+    result = check(data(named.load(name)))
+    assert isinstance(result, Rejected)
+    assert "steps" in result.why
+
+
+@pytest.mark.parametrize("name", ["g_mixed_pair", "e_shifted", "r_pendulum"])
+def test_the_answer_does_not_depend_on_what_was_checked_before(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proof found again counts as much as one that is made: with and without a memory the limit is the same."""
+    check(data(named.load(name)))
+    warm = spent(name)
+    forget(monkeypatch)
+    assert spent(name) == warm
+
+
+def test_a_proof_is_counted_once() -> None:
+    """Another group with the same functions and forms costs a file no further step, and another file the same again."""
+    curve, form = ((parse("tanh(x)"), Fraction(1)),), (Fraction(1), Fraction(-1))
+    totals = []
+    for repeats in (1, 3):
+        with work.limited(10**6) as account:
+            totals += [prover.prove_sector_form(curve, form) for _ in range(repeats)]
+        totals.append(account.spent)
+    assert totals[1] == totals[-1] > 0
+    assert all(totals)
+
+
+def test_honest_files_are_far_from_the_limit() -> None:
+    """The kept certificates take less than a hundredth of what they may."""
+    assert max(spent(name) for name in ("g_mixed_pair", "e_shifted", "r_pendulum")) < work.BASE_STEPS / 100
+
+
+def test_without_a_file_there_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Proofs that the producer asks for are not counted."""
+    monkeypatch.setattr(work, "BASE_STEPS", 0)
+    forget(monkeypatch)
+    assert prover.prove_sector_form((), [1])
