@@ -32,9 +32,11 @@ identify
 baselines
 bounds
 certificate bilinear
-sector equilibrium interior_point barrier network
+sector equilibrium interior_point barrier
 system integrals descent
 lmi
+network
+network_proof
 search proof witness
 obstruction setting rates frame
 polish

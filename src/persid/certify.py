@@ -16,6 +16,7 @@ from persid.equilibrium import OperatingPoint, find_operating_point, vector
 from persid.errors import ModelError
 from persid.interior_point import Status
 from persid.model import PersidskiiModel
+from persid.network_proof import NetworkCertificate, NetworkObstruction, certify_network, is_large
 from persid.obstruction import Obstruction, find_obstruction
 from persid.proof import Lyapunov, choose, write
 from persid.rates import Question, best_rate, smallest_gain
@@ -80,7 +81,7 @@ class _Verdict:
 class Certified(_Verdict):
     """The model is input-to-state stable: `certificate` is a proof that `persid_check` has accepted."""
 
-    certificate: Certificate
+    certificate: Certificate | NetworkCertificate
     attempts: tuple[Attempt, ...] = ()
 
     def __str__(self) -> str:
@@ -108,7 +109,7 @@ class Undecided(_Verdict):
     reason: Reason
     detail: str = ""
     attempts: tuple[Attempt, ...] = ()
-    obstruction: Obstruction | None = None
+    obstruction: Obstruction | NetworkObstruction | None = None
 
     def __str__(self) -> str:
         return f"Undecided: {self.reason.value} {self.detail}".rstrip()
@@ -123,7 +124,7 @@ class _Failure:
 
     reason: Reason
     detail: str
-    obstruction: Obstruction | None = None
+    obstruction: Obstruction | NetworkObstruction | None = None
 
     def undecided(self, log: "_Log") -> Undecided:
         return Undecided(self.reason, self.detail, tuple(log.attempts), self.obstruction)
@@ -214,6 +215,13 @@ class _Asked:
 
 def _decide(asked: _Asked, log: _Log) -> Verdict:
     """Answer the global question, unless a box is given; then the regional one, where there is a box."""
+    if asked.model.is_sparse and asked.box is None:
+        found = _by_weights(asked, log)
+        if isinstance(found, NetworkCertificate):
+            return Certified(found, tuple(log.attempts))
+        if is_large(asked.model):
+            return found.undecided(log)
+    asked = replace(asked, model=asked.model.dense())
     with log.attempt("equilibria at the nominal input") as outcome:
         points = find_operating_point(asked.model, asked.u, near=asked.near)
         outcome.append(f"{len(points)} found and proved")
@@ -272,7 +280,25 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: _Log) -> Cer
             log.best = answer
             return Certified(_rated(asked, setting, kind == "full", answer, log), tuple(log.attempts))
         failure = answer
+    if log.left() > 0:
+        found = _by_weights(asked, log)
+        if isinstance(found, NetworkCertificate):
+            return Certified(found, tuple(log.attempts))
     return failure
+
+
+def _by_weights(asked: _Asked, log: _Log) -> NetworkCertificate | _Failure:
+    """Certify with V = sum w_k |x_k - x*_k| (claim L1), where argument rows are positive multiples of unit vectors."""
+    model = asked.model
+    nominal = bool((asked.u == model.u_ref).all())
+    at_reference = nominal and (asked.near is None or bool((asked.near == model.x_ref).all()))
+    with log.attempt("a weighted l1 norm") as outcome:
+        found = certify_network(model, at_reference, log.progress)
+        answer = found if isinstance(found, NetworkCertificate) else _Failure(Reason.NOT_FOUND, _LARGE)
+        if isinstance(found, NetworkObstruction):
+            answer = _Failure(Reason.INFEASIBLE, _LARGE, found)
+        outcome.append(_word(answer))
+    return answer
 
 
 def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
@@ -309,8 +335,8 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
     return answer
 
 
-def _word(answer: Certificate | _Failure) -> str:
-    return f"certified, claim {answer.claim}" if isinstance(answer, Certificate) else answer.reason.name.lower()
+def _word(answer: Certificate | NetworkCertificate | _Failure) -> str:
+    return answer.reason.name.lower() if isinstance(answer, _Failure) else f"certified, claim {answer.claim}"
 
 
 def _settled(setting: Setting, find: Callable[[], Lyapunov | _Failure], log: _Log) -> Certificate | _Failure:
@@ -369,6 +395,7 @@ def _rate_and_gain(
     return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
 
 
+_LARGE = "It is a weighted l1 norm; for other Lyapunov functions a model of at most 400 states is needed."
 _TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
 _NO_POINT = "No equilibrium at the nominal input was found and proved; name a state near it, or another input (u_op)."
 _UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."

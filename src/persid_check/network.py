@@ -6,6 +6,7 @@ The specification, with its proof, is in docs/certificate-format.md.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes, nodes_of
 from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.results import FormatError, NotProvedError
 from persid_check.sparse import SparseModel, is_sparse, read_sparse
-from persid_check.table import Table, doubtful, table_of, table_of_sparse
+from persid_check.table import Table, doubtful, ends, table_of, table_of_sparse
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -60,6 +61,14 @@ class NetworkClaim:
     kinds: tuple[Kind, ...]
     weights: "Sequence[Fraction] | ndarray"
     kappa: Fraction
+
+    @cached_property
+    def spread(self) -> tuple[Fraction, Fraction]:
+        """The smallest and the largest weight."""
+        if isinstance(self.weights, tuple):
+            return min(self.weights), max(self.weights)
+        least, most = ends(self.weights)
+        return Fraction(least), Fraction(most)
 
 
 @dataclass(frozen=True)
@@ -112,7 +121,7 @@ def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
     Raises:
         NotProvedError: a step of the proof fails.
     """
-    if claim.kappa <= 0 or min(claim.weights) <= 0:
+    if claim.kappa <= 0 or claim.spread[0] <= 0:
         raise NotProvedError("weights", "kappa and every weight must be positive")
     _prove_continuous(claim.subject.model)
     rays = [_prove_cone(t, kind, claim.every) for t, kind in enumerate(claim.kinds)]

@@ -28,7 +28,7 @@ def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> st
         + (", with the constant b counted as one more input, b v, which in the model itself is held at v = 1." * offset)
         + "." * (not offset),
         f"V(x(t) - x*) <= {bound} for all t >= 0, with V(x) = sum w_k |x_k|"
-        f" and {decimal(min(claim.weights), up=False)} <= w_k <= {decimal(max(claim.weights))}.",
+        f" and {decimal(claim.spread[0], up=False)} <= w_k <= {decimal(claim.spread[1])}.",
     ]
     if claim.every:
         parts.append(
