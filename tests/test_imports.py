@@ -17,7 +17,8 @@ CHECKER = SOURCE.parent / "persid_check"
 ORDER = """
 errors files extras
 functions trajectories
-readers integrate drift algebra moments distributed
+drift
+readers integrate algebra moments distributed
 chunks
 recordings
 surveys

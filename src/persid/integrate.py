@@ -17,6 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.integrate import LSODA, RK45
 
+from persid.drift import drift
 from persid.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -93,12 +94,7 @@ class _Solver:
         self.explicit: RK45 | None = None
         self.force: ndarray | None = None
         self.stiff = False
-        channels = model.channels
-        kinds = {f: [c for c, g in enumerate(channels.functions) if g == f] for f in channels.functions}
-        order = [c for places in kinds.values() for c in places]
-        self.rows, self.columns, self.A0 = channels.rows[order], channels.columns[:, order], channels.A0
-        ends = np.cumsum([0, *map(len, kinds.values())]).tolist()
-        self.pieces = [(f.on_arrays, a, b) for f, (a, b) in zip(kinds, pairwise(ends), strict=True)]
+        self.dot = drift(model)
 
     def forcing(self, u: ndarray) -> ndarray:
         """Return B (u - u_ref) + b."""
@@ -107,14 +103,7 @@ class _Solver:
     def drift(self, x: ndarray) -> ndarray:
         """Return x' without the forcing, and charge the budget for it."""
         self.budget -= 1
-        dx = x - self.model.x_ref
-        dot = self.A0 @ dx
-        if self.pieces:
-            y = self.rows @ dx
-            for f, a, b in self.pieces:
-                y[a:b] = f(y[a:b])
-            dot += self.columns @ y
-        return dot
+        return self.dot(x)
 
     def step(self, x: ndarray, start: float, stop: float, force: ndarray) -> tuple[ndarray, End]:
         """Cross one sample interval by Dormand-Prince steps; hand over to an implicit method where it is stiff."""
