@@ -8,7 +8,7 @@ import pytest
 from flint import ctx
 
 from checker.expressions import is_sector_function, odd_part
-from persid_check import prover
+from persid_check import prover, work
 from persid_check.enclosure import between
 from persid_check.expression import parse
 from persid_check.prover import (
@@ -76,8 +76,7 @@ DYADIC_BALL = F(1, 2**30)
 @pytest.fixture(autouse=True)
 def _fresh():
     """Every test proves anew, at the checker's precision."""
-    for proved in (prover._proved, prover._continuous, prover._marched):
-        proved.cache_clear()
+    work.forget()
     with ctx.workprec(192):
         yield
 

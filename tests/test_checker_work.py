@@ -21,12 +21,6 @@ def spent(name: str) -> int:
     raise ValueError("it is not accepted")
 
 
-def forget(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the prover forget every proof."""
-    for name in ("_proved", "_continuous", "_marched"):
-        monkeypatch.setattr(prover, name, work.remembered(getattr(prover, name).__wrapped__))
-
-
 @pytest.mark.parametrize("name", ["g_mixed_pair", "e_shifted", "r_pendulum", "refuted_marginal"])
 def test_a_file_beyond_the_limit_is_rejected(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With too small a limit a valid certificate is rejected, with a reason that says so."""
@@ -38,11 +32,11 @@ def test_a_file_beyond_the_limit_is_rejected(name: str, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("name", ["g_mixed_pair", "e_shifted", "r_pendulum"])
-def test_the_answer_does_not_depend_on_what_was_checked_before(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_answer_does_not_depend_on_what_was_checked_before(name: str) -> None:
     """A proof found again counts as much as one that is made: with and without a memory the limit is the same."""
     check(data(named.load(name)))
     warm = spent(name)
-    forget(monkeypatch)
+    work.forget()
     assert spent(name) == warm
 
 
@@ -66,5 +60,5 @@ def test_honest_files_are_far_from_the_limit() -> None:
 def test_without_a_file_there_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Proofs that the producer asks for are not counted."""
     monkeypatch.setattr(work, "BASE_STEPS", 0)
-    forget(monkeypatch)
+    work.forget()
     assert prover.prove_sector_form((), [1])

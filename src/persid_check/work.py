@@ -54,6 +54,15 @@ def spend(steps: int) -> None:
             raise NotProvedError("groups", "to prove its forms takes too many steps: fewer or simpler ones are needed")
 
 
+_memories: list[Callable[[], None]] = []
+
+
+def forget() -> None:
+    """Forget every proof."""
+    for clear in _memories:
+        clear()
+
+
 def remembered(proof: Callable[_Key, bool]) -> Callable[_Key, bool]:
     """Remember the answers of a proof, with the steps that each took; a file is charged once for each."""
 
@@ -61,8 +70,10 @@ def remembered(proof: Callable[_Key, bool]) -> Callable[_Key, bool]:
     def found(*key: object) -> tuple[bool, int]:
         outer = _account.get()
         with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
-            answer = proof(*key)  # type: ignore[arg-type]
+            answer = proof(*key)  # type: ignore[arg-type, call-arg]
         return answer, inner.spent
+
+    _memories.append(found.cache_clear)
 
     @wraps(proof)
     def run(*key: _Key.args, **_: _Key.kwargs) -> bool:
