@@ -8,7 +8,7 @@ import pytest
 from flint import ctx
 
 from checker.expressions import is_sector_function, odd_part
-from persid_check import prover, work
+from persid_check import work
 from persid_check.enclosure import between
 from persid_check.expression import parse
 from persid_check.prover import (
