@@ -161,58 +161,82 @@ def find_weights(net: Network) -> Weights | Perron | None:
     if not isinstance(found, ndarray):
         return found
     low, best = 0.0, found
-    with np.errstate(all="ignore"):
-        high = float(np.min(np.where(net.v0 > 0, -net.d / net.v0, np.inf)))
+    high = min(float(np.min(-d[v0 > 0] / v0[v0 > 0], initial=np.inf)) for d, v0 in zip(net.d, net.v0, strict=True))
     if not np.isfinite(high):  # no generator has a y-part: nothing decays in proportion to |x|
         return None
     steps = BISECTIONS if len(net.N) * net.N[0].nnz <= FAST else 3
-    for kappa in [high * (1 - 2.0**-10)] if steps else []:
-        found = _solve(net, kappa)
-        low, best = (kappa, found) if isinstance(found, ndarray) else (low, best)
-    for _ in range(0 if low else steps):
+    for _ in range(steps):
         middle = (low + high) / 2
         found = _solve(net, middle)
         if isinstance(found, ndarray):
             low, best = middle, found
         else:
             high = middle
-    gentle = _solve(net, RATE_SHARE * low) if low else best
+    gentle = _solve(net, RATE_SHARE * low) if low and steps == BISECTIONS else best
     return rated(net, gentle if isinstance(gentle, ndarray) else best)
 
 
 def rated(net: Network, w: Float[ndarray, " n"]) -> Weights | None:
     """Return weights, their smallest 1, with the rate that they have; None if they have none."""
     w = w / w.min()
-    sums = np.stack([N @ w for N in net.N]) + net.d * w
-    with np.errstate(all="ignore"):
-        rates = np.where(net.v0 > 0, -sums / (w * net.v0), np.inf)
-    kappa = float(rates.min()) * (1 - 2.0**-18)
-    return Weights(w, kappa) if kappa > 0 else None
+    kappa = np.inf
+    for N, d, v0 in zip(net.N, net.d, net.v0, strict=True):
+        decays = v0 > 0
+        kappa = min(kappa, np.min(-(N @ w + d * w)[decays] / (w * v0)[decays], initial=np.inf))
+    kappa = float(kappa) * (1 - 2.0**-18)
+    return Weights(w, kappa) if 0 < kappa < np.inf else None
 
 
 def _solve(net: Network, kappa: float) -> ndarray | Perron | None:
     """Return w > Phi(w) at a rate, by value iteration sped up by steps with the worst generators kept."""
-    room = -net.d - kappa * net.v0
-    bad = np.argwhere(room <= 0)
-    for r, k in bad[:1000]:
-        row = net.N[r].indptr[k : k + 2]
-        if room[r, k] < 0 or net.v0[r, k] > 0 or net.N[r].data[row[0] : row[1]].any():
-            return _alone(net, int(r), int(k))
-    room[room <= 0] = np.inf
+    alone = _alone(net, kappa)
+    if alone is not None:
+        return None if kappa else _single(net, *alone)
     w = np.ones(net.table.n)
     for _ in range(SWEEPS // INNER):
-        loads = np.stack([N @ w for N in net.N]) / room
-        worst = loads.argmax(axis=0)
-        step = 1 + np.take_along_axis(loads, worst[None], axis=0)[0] - w
+        load, worst = _sweep(net, kappa, w)
+        step = 1 + load - w
         if step.max() <= 1 - MARGIN:
             return w
-        policy, space = _policy(net, worst), np.take_along_axis(room, worst[None], axis=0)[0]
         if (step >= 1).all() or not w.max() < HUGE:  # Phi(w) >= w: by Collatz and Wielandt its root is at least 1
             break
+        policy, room = _policy(net, worst), _room(net, kappa, worst)
         w = w + step
         for _ in range(INNER):
-            w = np.maximum(w, 1 + (policy @ w) / space)
-    return None if kappa else _perron(net, worst, policy, space)
+            w = np.maximum(w, 1 + (policy @ w) / room)
+    return None if kappa else _perron(net, worst, _policy(net, worst), _room(net, kappa, worst))
+
+
+def _sweep(net: Network, kappa: float, w: ndarray) -> tuple[ndarray, ndarray]:
+    """Return Phi(w) and for each node the generator where it is attained."""
+    load, worst = np.zeros(len(w)), np.zeros(len(w), np.int64)
+    for r, (N, d, v0) in enumerate(zip(net.N, net.d, net.v0, strict=True)):
+        room = -d - kappa * v0
+        room[room <= 0] = np.inf  # of a generator without any coefficient
+        here = (N @ w) / room
+        worse = here > load
+        load[worse], worst[worse] = here[worse], r
+    return load, worst
+
+
+def _room(net: Network, kappa: float, worst: ndarray) -> ndarray:
+    """Return -d - kappa v_0 of one generator for each node."""
+    nodes = np.arange(net.table.n)
+    room = -net.d[worst, nodes] - kappa * net.v0[worst, nodes]
+    return np.where(room > 0, room, np.inf)
+
+
+def _alone(net: Network, kappa: float) -> tuple[int, int] | None:
+    """Return a generator and a node that it lets grow, or keeps from decaying at the rate, whatever its neighbours do."""
+    for r, (N, d, v0) in enumerate(zip(net.N, net.d, net.v0, strict=True)):
+        room = -d - kappa * v0
+        bad = room <= 0
+        if bad.any():
+            coupled = np.diff(np.concatenate([[0.0], np.cumsum(N.data, dtype=float)])[N.indptr]) > 0
+            growing = np.flatnonzero(bad & ((room < 0) | (v0 > 0) | coupled))
+            if len(growing):
+                return r, int(growing[0])
+    return None
 
 
 def _policy(net: Network, worst: ndarray) -> csr_array:
@@ -228,10 +252,8 @@ def _policy(net: Network, worst: ndarray) -> csr_array:
     return csr_array((data, first.indices, first.indptr), shape=first.shape)
 
 
-def _alone(net: Network, r: int, k: int) -> Perron | None:
+def _single(net: Network, r: int, k: int) -> Perron:
     """Return the obstruction of a node that one of its generators lets grow."""
-    if net.d[r, k] < 0:
-        return None
     z, choice = np.zeros(net.table.n), np.zeros(net.table.n, np.int64)
     z[k], choice[k] = 1.0, r
     return Perron(z, choice)

@@ -196,7 +196,8 @@ def _table(n: int, width: int, kinds: tuple[Functions, ...], kind: "ndarray", ma
         off = ~on
         keys.append(k[off] * n + matrix.rows[off])
         found.append((s[off], matrix.values[off]))
-    places = np.unique(np.concatenate([*keys, np.zeros(0, np.int64)]))
+    joined = np.sort(np.concatenate([*keys, np.full(1, -1)]), kind="stable")  # runs that are sorted are merged
+    places = joined[1:][joined[1:] != joined[:-1]]
     if width * len(places) > MAX_TABLE:
         raise NotProvedError("model", f"more than {MAX_TABLE} coefficients")
     values = np.zeros((width, len(places)))
