@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import persid as ps
 from persid import plots
 from persid.certificate import value
+from persid.diagnostics import Spectrum
 from persid.validation import Curve
 
 VALID = Path(__file__).parent / "certificates" / "valid"
@@ -83,6 +84,86 @@ def test_constant_states_can_be_drawn(ax: Axes) -> None:
     drawn(ax)
 
 
+def test_overview_has_a_lane_for_every_column(ax: Axes, run: ps.Trajectory) -> None:
+    """Every state and input has its lane, named at its left, its range written at its right; held inputs are steps."""
+    data = ps.Trajectories((run,), ("a$b", "x_2"), ("u",))
+    plots.overview(ax, data)
+    assert [label.get_text() for label in ax.get_yticklabels()] == [r"a\$b", "x_2", "u"]
+    assert len(ax.texts) == 3
+    assert [line.get_drawstyle() for line in ax.lines] == ["default", "default", "steps-post"]
+    for lane, line in enumerate(ax.lines):
+        assert np.abs(np.asarray(line.get_ydata()) + lane).max() < 0.5
+    drawn(ax)
+
+
+def test_overview_shades_gaps(ax: Axes) -> None:
+    """Runs on one clock leave their gap between them, and so does a long step inside a run."""
+    t = np.array([0.0, 1, 2, 3, 8, 9, 10])
+    first = ps.Trajectory(t, t[:, None], np.zeros((7, 0)))
+    second = ps.Trajectory(t + 20, t[:, None], np.zeros((7, 0)))
+    data = ps.Trajectories((first, second), ("x",), ())
+    assert plots.gaps(data) == [(3, 8), (23, 28), (10, 20)]
+    plots.overview(ax, data)
+    assert len(ax.patches) == 3
+    drawn(ax)
+
+
+def test_overview_sets_runs_side_by_side(ax: Axes, run: ps.Trajectory) -> None:
+    """Runs that start at the same time do not cover each other, and what lies between them is no gap."""
+    data = ps.Trajectories((run, run, run), ("a", "b"), ("u",))
+    assert plots.gaps(data) == []
+    plots.overview(ax, data)
+    spans = [np.asarray(line.get_xdata())[[0, -1]] for line in ax.lines[:3]]
+    assert spans[0][1] < spans[1][0] < spans[1][1] < spans[2][0]
+    drawn(ax)
+
+
+def test_spectrum_shows_the_aliasing_limit(ax: Axes) -> None:
+    """Eigenvalues stand in the complex plane; the shaded sector holds those that turn too fast."""
+    spectrum = Spectrum(((0.9, 0.1), (0.9, -0.1), (-0.8, 0.0)), 0.1)
+    plots.koopman_spectrum(ax, spectrum)
+    assert np.array(ax.lines[-1].get_data()).T.tolist() == [list(pair) for pair in spectrum.values]
+    sector = ax.patches[0].get_path()
+    assert [bool(sector.contains_point(pair)) for pair in spectrum.values] == [False, False, True]
+    drawn(ax)
+
+
+def test_correlations_ring_what_cannot_be_told_apart(ax: Axes, model: ps.PersidskiiModel, run: ps.Trajectory) -> None:
+    """A disk stands for every pair of terms that vary; pairs above 0.99 wear a ring."""
+    names, R = plots.correlation_matrix(model, run.x, run.u)
+    assert names == ["a$b", "x_2", "tanh((a$b - 3)/2)", "u1"]
+    plots.correlations(ax, model, run.x, run.u)
+    positive, negative, rings = (len(part.get_offsets()) for part in ax.collections)
+    assert positive + negative == 6
+    assert rings == (np.abs(R[np.tril_indices(4, -1)]) > plots.COLLINEAR).sum() == 1
+    drawn(ax)
+
+
+def test_fits_stand_side_by_side(ax: Axes) -> None:
+    """Each fit has a mark for every state; values below 0 are drawn at 0."""
+    plots.fits(ax, {"free": [0.9, -7.0], "under the certificate": [0.8, 0.7]}, ["x1", "x2"])
+    free, certified = (np.asarray(line.get_xdata()).tolist() for line in ax.lines)
+    assert (free, certified) == ([0.9, 0.0], [0.8, 0.7])
+    assert ax.get_legend_handles_labels()[1] == ["free", "under the certificate"]
+    drawn(ax)
+
+
+def test_candidates_are_ranked(ax: Axes) -> None:
+    """The best candidate stands on top, one without an error is left out, one without a certificate is hollow."""
+    plots.candidates(ax, ["a", "b", "c"], [0.3, None, 0.1], [False, False, True])
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["c", "a"]
+    assert [line.get_markerfacecolor() for line in ax.lines] == [plots.LEVEL, "none"]
+    drawn(ax)
+
+
+def test_attempts_show_their_times(ax: Axes) -> None:
+    """Each attempt has a bar as long as its time, the first on top."""
+    plots.attempts(ax, ["search", "proof"], [0.5, 2.0])
+    assert [patch.get_width() for patch in ax.patches] == [0.5, 2.0]
+    assert [text.get_text() for text in ax.texts] == ["0.5 s", "2 s"]
+    drawn(ax)
+
+
 def test_validation_curve_marks_blow_ups(ax: Axes) -> None:
     """The validation curve marks strengths at which runs blow up, and the strength that was used."""
     plots.validation_curve(ax, Curve((1e-4, 1e-2, 1.0), (0.5, 0.1, 0.3), (0.2, 0.0, 0.0)), 1e-2)
@@ -103,10 +184,15 @@ def test_level_sets_surround_the_operating_point(ax: Axes, run: ps.Trajectory) -
 
 
 def test_level_sets_show_the_region(ax: Axes) -> None:
-    """For a regional claim the certified region is shaded and the box of the claim is the frame."""
+    """For a regional claim the certified region is shaded, and the frame holds it within the box of the claim."""
     certificate = ps.load_certificate(VALID / "r_pendulum.json")
     plots.level_sets(ax, certificate)
-    assert ax.get_xlim()[1] >= 2
+    box = np.array([[value(lo), value(hi)] for lo, hi in certificate.content["box"]])
+    assert (ax.get_xlim()[0] >= box[0, 0], ax.get_ylim()[1] <= box[1, 1]) == (True, True)
+    x, y = np.meshgrid(np.linspace(*box[0], 50), np.linspace(*box[1], 50))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    inside = points[certificate.V(points) <= value(certificate.content["level"])]
+    assert (inside[:, 1].max() <= ax.get_ylim()[1], inside[:, 0].min() >= ax.get_xlim()[0]) == (True, True)
     levels = [np.asarray(c.levels) for c in ax.collections if hasattr(c, "levels")]
     level = value(certificate.content["level"])
     assert any(len(some) == 1 and some[0] == level for some in levels)
@@ -121,6 +207,9 @@ def test_bound_stays_above_the_run(ax: Axes) -> None:
     plots.bound(ax, certificate, run)
     high, low = (line.get_data() for line in ax.lines)
     assert (np.interp(run.t, *high) >= low[1]).all()
+    other = certificate.model.simulate([0.5, 0.5], t, np.zeros((100, 2)))[0]
+    plots.bound(ax, certificate, run, [other])
+    assert ax.get_legend_handles_labels()[1][2:] == ["simulations", "proved bound", "model, free run"]
     with pytest.raises(ps.PersidError, match="no rate"):
         plots.bound(ax, ps.load_certificate(VALID / "g_full.json"), run)
     drawn(ax)

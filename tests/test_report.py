@@ -1,6 +1,8 @@
 """The report page: what it says, that it says it safely, and that a browser shows it."""
 
+import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ import pytest
 from markupsafe import escape
 
 import persid as ps
-from persid import folder, report
+from persid import folder, mathml, plots, portraits, report
 from persid.certify import Attempt, Certified, Reason, Undecided
 from persid.folder import Record, Results, Source
 
@@ -119,18 +121,6 @@ def test_page_is_accessible(page: str) -> None:
     assert outline.tags.count("figure") == outline.tags.count("figcaption") > 3
 
 
-def test_many_states_and_runs_stay_below_three_megabytes() -> None:
-    """The page stays small with eight noisy states, three runs and more samples than anyone can see."""
-    n = 8
-    model = ps.PersidskiiModel(-np.eye(n))
-    rng = np.random.default_rng(0)
-    t = np.arange(6_000) * 0.01
-    data = ps.Trajectories.from_arrays([rng.normal(size=(6_000, n)) for _ in range(4)], t=[t] * 4)
-    text = report.render(Results(model, Undecided(Reason.STALLED), data, None))
-    assert len(text.encode()) < 3e6
-    assert "first 3 of 4 runs" in text
-
-
 def test_names_cannot_break_out() -> None:
     """Names of states that hold markup, quotes or mathematics appear as they are and do nothing."""
     model = ps.PersidskiiModel([[-1, 0], [0, -1]], [], [[1], [0]], states=[SPITEFUL, "b"], inputs=["<u>"])
@@ -141,6 +131,108 @@ def test_names_cannot_break_out() -> None:
     assert "script" not in Outline(text).tags
     assert "u" not in Outline(text).tags
     assert "&lt;script&gt;" in text
+
+
+def test_equations_are_mathematics_and_can_be_copied(page: str, certified: Results) -> None:
+    """Every equation is set in MathML, and stands as text and as LaTeX beside it."""
+    model = certified.model
+    assert page.count("<math>") == int(mathml.counts(model).sum()) + model.n
+    for form in ("text", "latex"):
+        assert str(escape(ps.equations(model, form))) in page
+
+
+def test_page_shows_the_spectrum_of_an_edmd_fit() -> None:
+    """A fit by EDMD shows its eigenvalues and the aliasing limit; other fits have no such section."""
+    model = ps.PersidskiiModel([[-1, 2], [-2, -1]], [], [[1], [0]])
+    data = measured(model)
+    fit = ps.PersidskiiIdentifier(functions=["x"], method="edmd").fit(data)
+    record = Record("persid run", (), {}, fit.report_, (), {})
+    text = report.render(Results(fit.model_, Undecided(Reason.STALLED), data, record))
+    assert "the aliasing limit is" in text
+    assert re.search(r"fastest mode here turns 0\.31[78]\d? Hz", text)  # 2 rad/s
+    spectrum = fit.report_.spectrum
+    assert spectrum is not None
+    assert f"{spectrum.values[0][0]:.4g}" in text
+
+
+def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results) -> None:
+    """Free fit, fit under the certificate and all candidates are told, whatever is recorded of these."""
+    fits = [
+        {"name": "free", "verdict": "refuted", "rmse": 0.25, "r2": [0.5, -2.0], "blow_ups": 1},
+        {"name": "under the certificate", "verdict": "certified", "rmse": 0.5, "r2": [0.9, 0.8], "blow_ups": 0},
+    ]
+    rows = [
+        {"functions": ["x", "tanh(2*x)"], "certified": True, "error": 0.125, "seconds": 2.5, "new_figure": None},
+        {"functions": ["x", "sinh(x)"], "certified": False, "error": 0.0625, "seconds": 0.5, "new_figure": 7.0},
+        {"functions": ["x"], "certified": False, "error": math.inf, "seconds": 0.5, "new_figure": 8.0},
+    ]
+    assert certified.record is not None
+    record = replace(certified.record, comparison={"fits": fits, "price": 2.0, "candidates": rows})
+    text = report.render(replace(certified, record=record))
+    words = ("2 times the free one", "x, tanh(2*x)", "new figure", "0.125", "infinite", "Values below 0 are drawn at 0")
+    assert [word for word in words if word not in text] == []
+    assert {"fits", "candidates"} <= set(re.findall(r'id="(\w+)-figure_1"', text))
+
+
+def test_a_refuted_page_shows_the_witness() -> None:
+    """A refuted model is drawn with the equilibria that refute it, even where nothing was measured near them."""
+    model = ps.PersidskiiModel([[0, 1], [0, -1]], [("sin(x)", [[1, 0]], [[0], [-1]])], domain=[[-1, 1], [-1, 1]])
+    text = report.render(Results(model, ps.certify(model), None, None))
+    assert re.search(r"the proved equilibria at \(0, 0\) and \(-?3\.142, 0\) \(circles\)", text)
+    assert "claim refuted" in text
+
+
+def test_simulations_under_the_bound_obey_it() -> None:
+    """What the page sets against the bound starts with no larger V, is pushed no harder, and stays below it."""
+    certificate = ps.load_certificate(VALID / "e_mixed_pair.json")
+    t = np.linspace(0, 4, 80)
+    run = certificate.model.simulate([1, -1], t, np.tile(np.sin(t)[:, None], (1, 2)))[0]
+    others = list(portraits.challengers(certificate, run))
+    assert len(others) == portraits.CHALLENGERS
+    limit, u = certificate.V(run.x[:1])[0], plots.largest_input(certificate, run)
+    for other in others:
+        assert 0.5 * limit <= certificate.V(other.x[:1])[0] <= limit
+        assert 0.9 * u <= plots.largest_input(certificate, other) <= u
+        distance = np.linalg.norm(other.x - certificate.operating_point, axis=1)
+        assert (distance <= certificate.bound(run.x[0], u, other.t - other.t[0])).all()
+
+
+@pytest.mark.slow
+def test_fifty_states_and_many_samples_stay_readable() -> None:
+    """A page of 50 noisy states and 100,000 samples stays below 3 MB and says how much of them is drawn."""
+    n, count = 50, 25_000
+    rng, t = np.random.default_rng(0), np.arange(count) * 0.01
+    terms = [(f, None, -np.eye(n) + 0.01 * rng.normal(size=(n, n))) for f in ("tanh(x)", "arctan(x)")]
+    model = ps.PersidskiiModel(-np.eye(n), terms, rng.normal(size=(n, 2)))
+    x, u = [rng.normal(size=(count, n)) for _ in range(4)], np.column_stack([np.sin(t), np.cos(t)])
+    data = ps.Trajectories.from_arrays(x, [u] * 4, t=[t] * 4)
+    text = report.render(Results(model, Undecided(Reason.STALLED), data, None))
+    assert len(text.encode()) < 3e6
+    for words in ("first 3 of 4 runs", "first 8 of 50 states", "of 50 equations", "24 of 52 columns", "5000 samples"):
+        assert words in text
+    assert Outline(text).tags.count("figure") < 14
+
+
+def test_colours_can_be_read() -> None:
+    """Text and lines stand out from their ground as WCAG 2 asks (4.5 for text, 3 for figures), light and dark."""
+    css = (Path(report.__file__).parent / "templates" / "report.css").read_text(encoding="utf-8")
+    blocks = re.findall(r"--page:.*?}", css, re.DOTALL)
+    assert len(blocks) == 3
+    for block in blocks:
+        colors = {name: luminance(color) for name, color in re.findall(r"--(\w+): (#[0-9a-f]+)", block)}
+        for name in ("text", "soft", "good", "open", "bad", "measured", "model", "level", "form", "field"):
+            least = 4.5 if name in ("text", "soft", "good", "open", "bad", "measured") else 3
+            for ground in ("card", "code") if name == "text" else ("card",):
+                high, low = sorted((colors[name], colors[ground]), reverse=True)
+                assert (high + 0.05) / (low + 0.05) >= least, (name, ground)
+
+
+def luminance(color: str) -> float:
+    """Return the relative luminance of a colour such as #1b1f24 (WCAG 2)."""
+    digits = color[1:] if len(color) == 7 else "".join(2 * d for d in color[1:4])
+    parts = [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def test_undecided_page_says_why() -> None:
@@ -183,7 +275,10 @@ def test_other_claims(name: str) -> None:
 def test_files_of_a_report(delivered: Path) -> None:
     """The figures are written beside the page, as files of their own."""
     names = {path.name for path in (delivered / "figures").iterdir()}
-    assert {"free-run-1.png", "residuals.png", "level-sets-1-2.png", "sector-forms.png", "contributions.png"} <= names
+    assert {
+        "overview.png", "free-run-1.png", "residuals.png", "level-sets-1-2.png", "sector-forms.png",
+        "contributions.png", "correlations.png",
+    } <= names  # fmt: skip
 
 
 def test_the_same_results_give_the_same_page(certified: Results, page: str) -> None:

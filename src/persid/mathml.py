@@ -4,6 +4,7 @@ from fractions import Fraction
 from html import escape
 
 import numpy as np
+from jaxtyping import Int
 from numpy import ndarray
 
 from persid.model import PersidskiiModel
@@ -33,10 +34,11 @@ def equation(model: PersidskiiModel, state: int, digits: int = 4) -> tuple[str, 
     return _math(f'<mstyle displaystyle="true">{rate}</mstyle><mo>=</mo>'), tuple(found) or (_math("<mn>0</mn>"),)
 
 
-def count(model: PersidskiiModel) -> int:
-    """Return the number of terms of all equations together."""
+def counts(model: PersidskiiModel) -> Int[ndarray, " n"]:
+    """Return the number of terms of each equation."""
     channels = model.channels
-    return sum(int(np.count_nonzero(part)) for part in (channels.A0, channels.columns, model.B, model.b))
+    parts = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]])
+    return np.count_nonzero(parts, axis=1)
 
 
 def _math(body: str) -> str:

@@ -95,7 +95,7 @@ def _bound(certificate: Certificate, runs: Sequence[FreeRun]) -> list[Drawing]:
     for run in runs or _kick(certificate):
         if run.found.diverged_at is not None:
             continue
-        others = list(_challengers(certificate, run.found))
+        others = list(challengers(certificate, run.found))
         figure, axes = side_by_side(1, 3.1, 7.6)
         try:
             plots.bound(axes[0], certificate, run.found, others)
@@ -142,7 +142,7 @@ def nominal_input(certificate: Certificate) -> ndarray:
     return certificate.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
 
 
-def _challengers(certificate: Certificate, run: Trajectory) -> Iterator[Trajectory]:
+def challengers(certificate: Certificate, run: Trajectory) -> Iterator[Trajectory]:
     """Simulate from starts of no larger V than the run's, with inputs that switch between +- its largest |u - u*|."""
     model, rng = certificate.model, np.random.default_rng(SEED)
     if model.n > MOST_STATES or certificate.rate is None:

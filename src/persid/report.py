@@ -23,7 +23,7 @@ from persid.summary import above, below, headline, limits, summarize
 from persid.trajectories import Trajectories, Trajectory
 
 CELLS, COLUMNS = 4000, 20  # a larger table of coefficients is left to model.json
-TERMS, EQUATIONS = 400, 4  # of a model with more terms only the first equations are set
+TERMS = 400  # of a model with more terms only the first equations are set
 MOST_ROWS = 40  # of a table of runs, columns or eigenvalues
 MOST_SAMPLES = 20_000  # on which terms are compared
 
@@ -165,7 +165,7 @@ def _gains(verdict: Any, model: PersidskiiModel) -> list[tuple[str, float]]:
 
 def _equations(model: PersidskiiModel) -> Equations:
     """Set the equations: all of them, or of a large model the first ones."""
-    count = model.n if mathml.count(model) <= TERMS else min(EQUATIONS, model.n)
+    count = max(1, int(np.searchsorted(np.cumsum(mathml.counts(model)), TERMS, side="right")))
     set_ = [mathml.equation(model, i) for i in range(count)]
     lines = tuple((Markup(left), tuple(Markup(term) for term in terms)) for left, terms in set_)
     text, latex = ("\n".join(equations(model, form).split("\n")[:count]) for form in ("text", "latex"))

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy import ndarray
 
 from persid.diagnostics import Spectrum
-from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, limits, short, span, thin, tidy
+from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, POINTS, limits, short, span, thin, tidy
 from persid.trajectories import Trajectories, Trajectory
 from persid.validation import Curve
 
@@ -34,7 +34,7 @@ def overview(ax: Axes, data: Trajectories, columns: Sequence[int] | None = None)
         low, high = _range([v[:, c] for v in values])
         color, step = (MEASURED, "default") if c < len(data.states) else (INK, "steps-post")
         for start, run, v in zip(starts, runs, values, strict=True):
-            t, y = thin(run.t, v[:, c], max(700 // len(runs), 30))
+            t, y = thin(run.t, v[:, c], max(POINTS // len(runs), 30))
             level = -lane + LANE * ((y - low) / (high - low) - 0.5)
             ax.plot(t - run.t[0] + start, level, color=color, lw=0.9, drawstyle=step)
         ax.text(

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from numpy import ndarray
 
 MEASURED, MODEL, LEVEL, FIELD, FORM, INK = "#0072b2", "#d55e00", "#009e73", "#888888", "#cc79a7", "#111111"
-POINTS = 700  # a longer curve is drawn by its extremes in so many intervals
+POINTS = 400  # a longer curve is drawn by its extremes in so many intervals
 DASHES = (0, (4, 2))
 
 
