@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from persid.certificate import Certificate
-from persid.interior_point import Status, pairings
+from persid.interior_point import Status
 from persid.model import PersidskiiModel
+from persid.pairs import pairings
 from persid.search import search
 from persid.setting import Setting
 from problems import BY_NAME, PROBLEMS, Problem

@@ -32,8 +32,9 @@ fitting diagnostics
 identify
 baselines
 bounds
-certificate bilinear
+certificate bilinear pairs
 sector equilibrium interior_point barrier
+evidence
 system integrals descent
 lmi
 network
@@ -63,6 +64,7 @@ DEFERRED = {  # a method asks the module when it is called
     ("model", "interop"),
     ("model", "tables"),
     ("certificate", "tables"),
+    ("certificate", "network_proof"),
     ("certify", "tables"),
 }
 OUTSIDE = {"__init__", "__main__"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from persid.interior_point import combine
 from persid.lmi import assemble, corollary_1, reduced_theorem_1, theorem_1
 from persid.model import PersidskiiModel
+from persid.pairs import combine
 from persid.sector import groups, pool
 from persid.system import system
 from random_problems import random_assembly, random_model

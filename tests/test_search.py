@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy import ndarray
 
 from persid.interior_point import Status
 from persid.model import PersidskiiModel
-from persid.search import JOINING, Outcome, join, search
+from persid.search import JOINING, Outcome, catalogue, join, search
 from persid.setting import Setting
 from problems import BY_NAME
 
@@ -31,12 +32,17 @@ def test_full_P_where_a_diagonal_one_does_not_do() -> None:
     assert _searched(model, full_P=True).status is Status.FEASIBLE
 
 
+def _prices(found: Outcome, X: ndarray) -> list[tuple[ndarray, ndarray]]:
+    about = found.assembly
+    return catalogue(about.system, about.families, about.problem.symmetric > 0, about.target).prices(X)
+
+
 def test_nothing_is_left_to_join_when_it_is_infeasible() -> None:
     """An infeasible answer prices every product and density of the pools, and none of them may help."""
     found = _searched(BY_NAME["bistable tanh"].build())
     assert found.status is Status.INFEASIBLE
-    for g, family in enumerate(found.assembly.families):
-        grown = join(found.assembly, g, found.solution)
+    for family, prices in zip(found.assembly.families, _prices(found, found.solution.X), strict=True):
+        grown = join(family, prices, found.solution.upper)
         assert set(grown.products) <= set(family.products)
         assert set(grown.densities) <= set(family.densities)
 
@@ -45,9 +51,9 @@ def test_joining_takes_only_negative_prices() -> None:
     """What joins a family violates the dual matrix that prices it, the most violated first."""
     found = _searched(BY_NAME["bistable tanh"].build())
     bare = replace(found.assembly.families[0], densities=(0,), products=())
-    outside = replace(found.solution, X=np.eye(len(found.solution.X)))
-    price, _ = found.assembly.prices(0, outside.X)
-    grown = join(replace(found.assembly, families=(bare,)), 0, outside)
+    prices = _prices(found, np.eye(len(found.solution.X)))[0]
+    price = prices[0].copy()
+    grown = join(bare, prices, found.solution.upper)
     assert all(price[pair] < 0 for pair in grown.products)
     assert len(grown.products) == min(JOINING, int((np.triu(price, 1) < 0).sum()))
 

@@ -8,19 +8,25 @@ with N_g z = phi_g. Every unknown is a pair of rows: P_ij: e_i, G_j; mu_gk: N_g'
 Paper: thm:main_ISS and cor:extension_basis_function are the special cases with the forms e_0, …, e_J only.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
-from persid.interior_point import Problem, pairings, unpack
+from persid.pairs import Problem, pairings, unpack
 from persid.sector import Group
 from persid.system import Family, Multipliers, Scaling, System, Target, scaling
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
+
+Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("p",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,24 +68,24 @@ class Assembly:
             tau.append(values[middle : middle + len(family.products)])
         return Multipliers(P, tuple(mu), tuple(tau))
 
-    def prices(self, g: int, X: Float[ndarray, "w w"]) -> tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]:
-        """Return <F, X> of every product and of every density of group g, as unknowns of this problem would have it.
+    @property
+    def labels(self) -> list[Label]:
+        """What the unknowns are, in order."""
+        count = self.problem.free or len(self.system.states)
+        return _labels(count, self.families, self.target)
 
-        A product, or a density after adding the dual bound m, may help only where its price is negative; densities
-        without a constant c get NaN where the target has a rate.
-        """
-        group, family = self.system.groups[g], self.families[g]
-        builder = _Builder(self.system, self.units, self.target)
-        places, norms = builder.forms(self.system.lift(group, family.forms), list(range(len(family.forms))))
-        upper = self.target.upper.get(group.curve, np.ones(len(places)))
-        rated = np.flatnonzero(np.isfinite(upper) | (self.target.kappa == 0))
-        for k in rated:
-            builder.density(group, int(k), int(places[k]), float(norms[k]))
-        problem = builder.problem(0, X)
-        worth = np.full(len(places), np.nan)
-        worth[rated] = pairings(problem, X)
-        rows = problem.S[places]
-        return 2 * (rows @ (rows @ X).T), worth
+    def places_in(self, other: "Assembly") -> Int[ndarray, " J"]:
+        """Return the place in another problem of every unknown of this one; -1 where it is not there."""
+        place = {label: j for j, label in enumerate(other.labels)}
+        return np.array([place.get(label, -1) for label in self.labels], int)
+
+
+def _labels(count: int, families: Sequence[Family], target: Target) -> list[Label]:
+    names: list[Label] = [("P", i) for i in range(count)]
+    for g, family in enumerate(families):
+        names += [("mu", g, k) for k in family.densities]
+        names += [("tau", g, *pair) for pair in family.products]
+    return names if target.ratio is None else [*names, ("p",)]
 
 
 def _shape(target: Target, system: System) -> ndarray:
@@ -90,92 +96,132 @@ def assemble(
     system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None
 ) -> Assembly:
     """Make the interior-point problem of a claim: maximise the margin t of its matrix inequality over P, mu and tau."""
-    target = target or Target()
-    builder = _Builder(system, scaling(system), target)
-    k = len(system.states)
-    builder.quadratic(full_P)
-    offsets = []
-    for group, family in zip(system.groups, families, strict=True):
-        offsets.append(len(builder.cost))
-        places, norms = builder.forms(system.lift(group, family.forms), family.used)
-        for form in family.densities:
-            builder.density(group, form, int(places[form]), float(norms[form]))
-        for first, second in family.products:
-            size = float(norms[first] * norms[second])
-            builder.unknown([int(places[first])], [int(places[second])], [1.0], size, 0.0)
-    if target.ratio is not None:
-        builder.smallest_eigenvalue()
-    problem = builder.problem(k if full_P else 0, builder.interior())
-    return Assembly(system, tuple(families), target, builder.units, problem, np.array(builder.sizes), tuple(offsets))
+    return Catalogue(system, families, full_P=full_P, target=target).assembly(families)
 
 
-class _Builder:
-    """Collects rows of D = [S; H] and pairs; row i of H has the code -1 - i until the number of rows of S is known."""
+_Pairs = tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]
 
-    def __init__(self, system: System, units: Scaling, target: Target) -> None:
-        self.system, self.units, self.target = system, units, target
-        inputs = system.B.shape[1] if target.ratio is not None else 0
+
+class _Unknown(NamedTuple):
+    """A weighted sum of pairs of rows p (of S) and q (of S, or -1 - i for row i of H)."""
+
+    p: tuple[int, ...]
+    q: tuple[int, ...]
+    weight: tuple[float, ...]
+    size: float
+    cost: float
+
+
+class Catalogue:
+    """All rows of D = [S; H] and all unknowns that families of forms allow, from which problems are put together.
+
+    The densities are those of the families; products may be any.
+    """
+
+    def __init__(
+        self, system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None
+    ) -> None:
+        self.system, self.families, self.full_P, self.target = system, families, full_P, target or Target()
+        self.units = units = scaling(system)
+        inputs = system.B.shape[1] if self.target.ratio is not None else 0
         self.width = system.entries + inputs
         self.weights = np.concatenate([units.entries, units.inputs[:inputs]])
         self.flow = np.hstack([system.G, system.B[:, :inputs]]) * self.weights / units.rate
         k = len(system.states)
         unit_rows = np.concatenate([np.arange(k), np.arange(system.entries, self.width)])
-        self.S = [sparse.csr_array((np.ones(len(unit_rows)), (np.arange(len(unit_rows)), unit_rows)),
-                                   shape=(len(unit_rows), self.width))]  # fmt: skip
-        self.height = len(unit_rows)
-        self.H: list[ndarray] = []
-        self.codes: dict[tuple[int, float], int] = {}
-        self.p: list[int] = []
-        self.q: list[int] = []
-        self.owner: list[int] = []
-        self.weight: list[float] = []
-        self.sizes: list[float] = []
-        self.cost: list[float] = []
+        self._S = [sparse.csr_array((np.ones(len(unit_rows)), (np.arange(len(unit_rows)), unit_rows)),
+                                    shape=(len(unit_rows), self.width))]  # fmt: skip
+        self._height = len(unit_rows)
+        self._H: list[ndarray] = []
+        self._codes: dict[tuple[int, float], int] = {}
+        self._unknowns: dict[Label, _Unknown] = {}
+        self._quadratic()
+        self._forms = [self._rows(group, family.forms) for group, family in zip(system.groups, families, strict=True)]
+        for g, family in enumerate(families):
+            self._densities(g, family)
+        if self.target.ratio is not None:
+            self._smallest_eigenvalue()
 
-    def unknown(self, p: Sequence[int], q: Sequence[int], weight: Sequence[float], size: float, cost: float) -> None:
-        """Add an unknown that is the weighted sum of pairs of rows p (of S) and q (of S, or of H in code)."""
-        self.p += p
-        self.q += q
-        self.weight += weight
-        self.owner += [len(self.cost)] * len(p)
-        self.sizes.append(size)
-        self.cost.append(cost)
+    def assembly(self, families: Sequence[Family]) -> Assembly:
+        """Return the problem of some of the densities and of products, in families of the same forms."""
+        labels = _labels(self._entries_of_P, families, self.target)
+        unknowns = [self._product(*label[1:]) if label[0] == "tau" else self._unknowns[label] for label in labels]
+        counts = [len(family.densities) + len(family.products) for family in families]
+        offsets = self._entries_of_P + np.cumsum([0, *counts])[:-1]
+        problem, sizes = self._problem(unknowns), np.array([unknown.size for unknown in unknowns])
+        return Assembly(
+            self.system, tuple(families), self.target, self.units, problem, sizes, tuple(int(v) for v in offsets)
+        )
 
-    def forms(self, lifted: ndarray, used: list[int]) -> tuple[ndarray, ndarray]:
-        """Add the rows l'N_g in use, in the units of z and made unit vectors; return places in S and norms of all."""
-        rows = np.zeros((len(lifted), self.width))
-        rows[:, : self.system.entries] = lifted * self.units.entries
+    def prices(self, X: Float[ndarray, "w w"]) -> list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]:
+        """Return <F, X> of every product and of every density of each group, as unknowns of a problem would have it.
+
+        A product, or a density after adding the dual bound m, may help only where its price is negative; forms that
+        are no densities get NaN.
+        """
+        labels, problem = self._all_densities
+        worth = [np.full(len(family.forms), np.nan) for family in self.families]
+        for (_, g, k), price in zip(labels, pairings(problem, X), strict=True):
+            worth[g][k] = price
+        products = [2 * rows @ X[np.ix_(at, at)] @ rows.T for _, _, rows, at in self._forms]
+        return list(zip(products, worth, strict=True))
+
+    @cached_property
+    def _all_densities(self) -> tuple[list[Label], Problem]:
+        labels = [label for label in self._unknowns if label[0] == "mu"]
+        return labels, self._problem([self._unknowns[label] for label in labels])
+
+    @property
+    def _entries_of_P(self) -> int:
+        k = len(self.system.states)
+        return k * (k + 1) // 2 if self.full_P else k
+
+    def _rows(self, group: Group, forms: ndarray) -> tuple[ndarray, ndarray, ndarray, ndarray]:
+        """Add the rows l'N_g, in the units of z and made unit vectors; return places in S, norms, entries and where."""
+        lifted = self.system.lift(group, forms) * self.units.entries
+        at = np.flatnonzero(lifted.any(axis=0))
+        rows = lifted[:, at]
         norms = np.linalg.norm(rows, axis=1)
-        places = np.full(len(rows), -1)
-        places[used] = np.arange(self.height, self.height + len(used))
-        self.S.append(sparse.csr_array(rows[used] / norms[used, None]))
-        self.height += len(used)
-        return places, norms
+        rows = rows / norms[:, None]
+        places = self._height + np.arange(len(rows))
+        line, entry = np.nonzero(rows)
+        self._S.append(sparse.csr_array((rows[line, entry], (line, at[entry])), shape=(len(rows), self.width)))
+        self._height += len(rows)
+        return places, norms, rows, at
 
-    def density(self, group: Group, k: int, place: int, norm: float) -> None:
-        """Add mu of form k: its own pair, and on a domain -d r r' in P, which its integral makes up for."""
-        c = self.target.upper[group.curve][k] if group.curve in self.target.upper else 1.0
-        d = self.target.lower[group.curve][k] if group.curve in self.target.lower else 0.0
-        code, size = self.gradient(group.row, float(c))
-        size *= norm
-        if not d:
-            return self.unknown([place], [code], [1.0], size, 1.0)
-        places, norms = self.forms(self.system.lift(group, np.eye(1, group.curve.size)), [0])
-        half, half_size = self.gradient(group.row, 0.5)
-        weight = -float(d) * float(norms[0]) * half_size / size
-        return self.unknown([place, int(places[0])], [code, half], [1.0, weight], size, 1.0)
+    def _product(self, g: int, k: int, j: int) -> _Unknown:
+        places, norms, _, _ = self._forms[g]
+        return _Unknown((int(places[k]),), (int(places[j]),), (1.0,), float(norms[k] * norms[j]), 0.0)
 
-    def gradient(self, row: ndarray, upper: float) -> tuple[int, float]:
+    def _densities(self, g: int, family: Family) -> None:
+        """Add mu of each form: its own pair, and on a domain -d r r' in P, which its integral makes up for."""
+        group, (places, norms, _, _) = self.system.groups[g], self._forms[g]
+        upper = self.target.upper.get(group.curve, np.ones(len(family.forms)))
+        lower = self.target.lower.get(group.curve, np.zeros(len(family.forms)))
+        gradients = {c: self._gradient(group.row, c) for c in {float(upper[k]) for k in family.densities}}
+        if any(lower[k] for k in family.densities):
+            (y, *_), (y_norm, *_), _, _ = self._rows(group, np.eye(1, group.curve.size))
+            half, half_size = self._gradient(group.row, 0.5)
+        for k in family.densities:
+            code, size = gradients[float(upper[k])]
+            size *= float(norms[k])
+            pairs: _Pairs = ((int(places[k]),), (code,), (1.0,))
+            if lower[k]:
+                weight = -float(lower[k]) * float(y_norm) * half_size / size
+                pairs = ((int(places[k]), int(y)), (code, half), (1.0, weight))
+            self._unknowns["mu", g, k] = _Unknown(*pairs, size, 1.0)
+
+    def _gradient(self, row: ndarray, upper: float) -> tuple[int, float]:
         """Return the code and the size of r'(G + kappa c I_x): W adds kappa c y l'phi to what V' has to outweigh."""
         upper = upper if self.target.kappa else 0.0
         support = np.flatnonzero(row)
         if len(support) == 1 and row[support[0]] * self.units.states[support[0]] > 0:  # else mu would be negative
             i = int(support[0])
-            if (i, upper) not in self.codes:
+            if (i, upper) not in self._codes:
                 unit = np.zeros(self.system.n)
                 unit[i] = 1.0
-                self.codes[i, upper] = self._append(self._decaying(unit, upper) / self.units.states[i])
-            return self.codes[i, upper], float(row[i] * self.units.states[i] * self.units.rate)
+                self._codes[i, upper] = self._append(self._decaying(unit, upper) / self.units.states[i])
+            return self._codes[i, upper], float(row[i] * self.units.states[i] * self.units.rate)
         product = self._decaying(row, upper)
         size = float(np.linalg.norm(product)) or 1.0
         return self._append(product / size), size * self.units.rate
@@ -190,46 +236,74 @@ class _Builder:
         return product
 
     def _append(self, row: ndarray) -> int:
-        self.H.append(row)
-        return -len(self.H)
+        self._H.append(row)
+        return -len(self._H)
 
-    def quadratic(self, full_P: bool) -> None:
+    def _quadratic(self) -> None:
         """Add the entries of P: half of x'Px is its own constant c = 1/2."""
         states, k = self.system.states, len(self.system.states)
         units = np.eye(self.system.n)
-        codes = [self.gradient(units[i], 0.5)[0] for i in states]
-        for i in range(k):
-            if not full_P:
-                self.unknown([i], [codes[i]], [1.0], self.units.states[states[i]] ** 2 * self.units.rate, 1.0)
-            for j in range(i, k if full_P else i):
-                self.unknown([i, j], [codes[j], codes[i]], [1.0, 1.0], 1.0, 2.0 if i == j else 0.0)
+        codes = [self._gradient(units[i], 0.5)[0] for i in states]
+        if self.full_P:
+            for number, (i, j) in enumerate(combinations_with_replacement(range(k), 2)):
+                cost = 2.0 if i == j else 0.0
+                self._unknowns["P", number] = _Unknown((i, j), (codes[j], codes[i]), (1.0, 1.0), 1.0, cost)
+        else:
+            for i in range(k):
+                size = float(self.units.states[states[i]] ** 2 * self.units.rate)
+                self._unknowns["P", i] = _Unknown((i,), (codes[i],), (1.0,), size, 1.0)
 
-    def smallest_eigenvalue(self) -> None:
+    def _smallest_eigenvalue(self) -> None:
         """Add p: P - p diag(shape) is what the entries of P stand for, and gamma = ratio p bounds the inputs."""
         k, rate = len(self.system.states), self.units.rate
-        codes = [self.gradient(unit, 0.5)[0] for unit in np.eye(self.system.n)]
+        codes = [self._gradient(unit, 0.5)[0] for unit in np.eye(self.system.n)]
         shape = _shape(self.target, self.system) * self.units.states**2 * rate
         inputs = range(k, k + self.width - self.system.entries)
         ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries :] ** 2
         size = float(shape.max())
-        weights = [*(shape / size), *(ratio / size)]
-        self.unknown([*range(k), *inputs], [*codes, *inputs], weights, size, float(shape.sum() / size))
+        pairs = ((*range(k), *inputs), (*codes, *inputs), (*(shape / size).tolist(), *(ratio / size).tolist()))
+        self._unknowns[("p",)] = _Unknown(*pairs, size, float(shape.sum() / size))
 
-    def interior(self) -> ndarray:
-        """Return a first dual matrix: in the interior of the sector cone, a multiple of I for the inputs."""
+    @cached_property
+    def _interior(self) -> ndarray:
+        """A first dual matrix: in the interior of the sector cone, a multiple of I for the inputs."""
         X = np.eye(self.width) / self.width
         X[: self.system.entries, : self.system.entries] = _interior(self.system, self.units)
         return X
 
-    def problem(self, symmetric: int, X: ndarray) -> Problem:
-        """Return the finished problem."""
-        S, p, q = sparse.csr_array(sparse.vstack(self.S)), np.array(self.p, int), np.array(self.q, int)
-        H = np.array(self.H).reshape(-1, self.width)
-        q = np.where(q < 0, S.shape[0] - 1 - q, q)
+    @cached_property
+    def _blocks(self) -> ndarray:
+        """The number of each entry's block: entries that the forms of a group hold together, directly or not."""
+        lines = np.repeat(np.arange(len(self._forms)), [len(at) for *_, at in self._forms])
+        entries = np.concatenate([np.zeros(0, int), *(at for *_, at in self._forms)])
+        pattern = sparse.csr_array((np.ones(len(lines)), (lines, entries)), shape=(len(self._forms), self.width))
+        return connected_components(pattern.T @ pattern)[1].astype(int)
+
+    @cached_property
+    def _all_rows(self) -> tuple[sparse.csr_array, ndarray]:
+        return sparse.csr_array(sparse.vstack(self._S)), np.array(self._H).reshape(-1, self.width)
+
+    def _problem(self, unknowns: Sequence[_Unknown]) -> Problem:
+        """Return the problem of some unknowns, with the rows that they use."""
+        S, H = self._all_rows
+        p, q = _flat(u.p for u in unknowns), _flat(u.q for u in unknowns)
+        rows, p = np.unique(np.concatenate([p, q[q >= 0]]), return_inverse=True)
+        lines, codes = np.unique(-1 - q[q < 0], return_inverse=True)
+        p, inside = p[: len(q)], p[len(q) :]
+        dense = q < 0
+        q[~dense], q[dense] = inside, len(rows) + codes
         tie = None
-        if len(p) > len(self.cost):
-            tie = sparse.csr_array((self.weight, (np.arange(len(p)), self.owner)), shape=(len(p), len(self.cost)))
-        return Problem(S, H, p, q, np.array(self.cost), X, symmetric, tie)
+        if len(p) > len(unknowns):
+            owner = np.repeat(np.arange(len(unknowns)), [len(u.p) for u in unknowns])
+            weight = np.array([w for u in unknowns for w in u.weight])
+            tie = sparse.csr_array((weight, (np.arange(len(p)), owner)), shape=(len(p), len(unknowns)))
+        cost = np.array([unknown.cost for unknown in unknowns])
+        k = len(self.system.states) if self.full_P else 0
+        return Problem(S[rows], H[lines], p, q, cost, self._interior, self._blocks, k, tie)
+
+
+def _flat(places: Iterable[tuple[int, ...]]) -> Int[ndarray, " K"]:
+    return np.array([i for each in places for i in each], int)
 
 
 def _interior(system: System, units: Scaling) -> ndarray:

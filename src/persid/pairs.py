@@ -1,0 +1,152 @@
+"""Matrices that are sums of pairs of rows, F = sum of d_p d_q' + d_q d_p', and what a solver needs of them.
+
+No F is ever formed: <F, M> for all of them comes from the rows of D M, sum_k y_k F_k from D' W D with a sparse W, and
+the matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy import sparse
+
+BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Data of the problem (D) of `interior_point`: unknowns that are sums of pairs of rows of D = [S; H].
+
+    S is sparse, H dense; pair k is (p[k], q[k]) with p[k] always a row of S. Unknown j sums the pairs of column j of
+    `tie` (None: one pair each). The first `symmetric`(`symmetric` + 1)/2 unknowns are the upper triangle of a
+    symmetric matrix P, entry (i, j) standing for e_i e_j' + e_j e_i'; 0 without P. `cost` is c; `X` is X0, positive
+    definite with <F_k, X0> > 0 for every multiplier of zero cost; `blocks` numbers the blocks of entries that rows of
+    S, and products of two rows of S, hold together.
+    """
+
+    S: sparse.csr_array
+    H: Float[ndarray, "h N"]
+    p: Int[ndarray, " K"]
+    q: Int[ndarray, " K"]
+    cost: Float[ndarray, " J"]
+    X: Float[ndarray, "N N"]
+    blocks: Int[ndarray, " N"]
+    symmetric: int = 0
+    tie: sparse.csr_array | None = None
+
+    @property
+    def order(self) -> int:
+        """Order of the matrix inequality."""
+        return self.H.shape[1]
+
+    @property
+    def free(self) -> int:
+        """Number of unknowns that are entries of P."""
+        return self.symmetric * (self.symmetric + 1) // 2
+
+    def whitened(self, C: Float[ndarray, "N N"]) -> "Problem":
+        """Return the problem for z = C w, where C has the blocks of the problem and makes its dual matrix I there."""
+        S = sparse.csr_array(self.S @ sparse.csr_array(C))
+        return replace(self, S=S, H=self.H @ C, X=np.eye(self.order))
+
+    @cached_property
+    def _entries(self) -> tuple[ndarray, ndarray, ndarray]:
+        """The nonzeros of the rows p: their pair, their value, and their place in the matrix D M, row q."""
+        rows = self.S[self.p]
+        pair = np.repeat(np.arange(len(self.p)), np.diff(rows.indptr))
+        return pair, rows.data, self.q[pair] * self.order + rows.indices
+
+
+def combine(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "N N"]:
+    """Return sum_k y_k F_k."""
+    weights = y if problem.tie is None else problem.tie @ y
+    rows = problem.S.shape[0]
+    inside = problem.q < rows
+    outside = ~inside
+    W = sparse.coo_array((weights[inside], (problem.p[inside], problem.q[inside])), shape=(rows, rows)).tocsr()
+    half = (problem.S.T @ (W @ problem.S)).toarray()
+    if outside.any():
+        index = (problem.q[outside] - rows, problem.p[outside])
+        W = sparse.coo_array((weights[outside], index), shape=(len(problem.H), rows)).tocsr()
+        half += (W @ problem.S).T @ problem.H
+    return half + half.T
+
+
+def _product(problem: Problem, M: ndarray) -> ndarray:
+    """Return D M."""
+    rows = problem.S.shape[0]
+    product = np.empty((rows + len(problem.H), M.shape[1]))
+    product[:rows] = problem.S @ M
+    np.matmul(problem.H, M, out=product[rows:])
+    return product
+
+
+def sandwich(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, "r r"]:
+    """Return D M D' for a symmetric M."""
+    return _product(problem, np.ascontiguousarray(_product(problem, M).T))
+
+
+def pairings(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
+    """Return <F_k, M> for every unknown, M symmetric."""
+    pair, value, place = problem._entries
+    terms = value * _product(problem, M).ravel()[place]
+    products = 2 * np.bincount(pair, terms, minlength=len(problem.p)).astype(float)  # without pairs it counts integers
+    return products if problem.tie is None else problem.tie.T @ products
+
+
+def lengths(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
+    """Return 2 |d_p| |d_q|, summed over the pairs of every unknown, in the norm of M > 0: at least |<F_k, M>|."""
+    squares = np.concatenate([problem.S.multiply(problem.S @ M).sum(axis=1), ((problem.H @ M) * problem.H).sum(axis=1)])
+    norms = np.sqrt(np.maximum(squares, 0))
+    products = 2 * norms[problem.p] * norms[problem.q]
+    return products if problem.tie is None else abs(problem.tie).T @ products
+
+
+def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) -> Float[ndarray, "J J"]:
+    """Return the matrix of tr(F_k X F_l Z^-1), Y = D X D', V = D Z^-1 D'; its lower triangle, all that is read."""
+    p, q, tie = problem.p, problem.q, problem.tie
+    M = np.empty((len(p), len(p)))
+    for start in range(0, len(p), BLOCK):
+        rows, stop = slice(start, start + BLOCK), min(start + BLOCK, len(p))
+        r, s = p[:stop], q[:stop]
+        Yp, Yq, Vp, Vq = Y[p[rows]], Y[q[rows]], V[p[rows]], V[q[rows]]
+        block = Yq.take(r, 1) * Vp.take(s, 1)
+        block += Yq.take(s, 1) * Vp.take(r, 1)
+        block += Yp.take(r, 1) * Vq.take(s, 1)
+        block += Yp.take(s, 1) * Vq.take(r, 1)
+        M[rows, :stop] = block
+    if tie is None:
+        return M
+    M = np.tril(M) + np.tril(M, -1).T
+    return tie.T @ (tie.T @ M).T
+
+
+def unpack(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
+    """Return the matrix P(y)."""
+    P = np.zeros((problem.symmetric, problem.symmetric))
+    P[np.triu_indices(problem.symmetric)] = y[: problem.free]
+    return P + P.T
+
+
+def pack(problem: Problem, M: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:
+    """Return <E_k, M> for the entries of P, M symmetric."""
+    return 2 * M[np.triu_indices(problem.symmetric)]
+
+
+def dual_of_P(problem: Problem, values: Float[ndarray, " f"]) -> Float[ndarray, "k k"]:
+    """Return the symmetric W with <E_k, W> = values for every entry of P."""
+    W = np.zeros((problem.symmetric, problem.symmetric))
+    W[np.triu_indices(problem.symmetric)] = values / 2
+    return W + np.triu(W, 1).T
+
+
+def schur_of_P(problem: Problem, U: Float[ndarray, "k k"], V: Float[ndarray, "k k"]) -> Float[ndarray, "f f"]:
+    """Return the matrix of tr(E_k U E_l V) for the entries of P, U and V symmetric."""
+    i, j = np.triu_indices(problem.symmetric)
+
+    def products(a: ndarray, b: ndarray, c: ndarray, d: ndarray) -> ndarray:
+        return U[np.ix_(a, b)] * V[np.ix_(c, d)]
+
+    return products(j, i, i, j) + products(j, j, i, i) + products(i, i, j, j) + products(i, j, j, i)
