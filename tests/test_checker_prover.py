@@ -9,7 +9,7 @@ from flint import ctx
 
 from checker.expressions import is_sector_function, odd_part
 from persid_check import work
-from persid_check.enclosure import between
+from persid_check.enclosure import UndefinedError, between
 from persid_check.expression import parse
 from persid_check.prover import (
     is_odd,
@@ -25,6 +25,7 @@ from persid_check.prover import (
     prove_strict_sector_form,
     prove_strictly_increasing,
 )
+from persid_check.taylor import variable
 
 F = Fraction
 ONE = (F(0), F(1))
@@ -316,3 +317,13 @@ def test_many_random_expressions() -> None:
 def test_odd_functions_are_known_by_their_form(text: str, odd: bool) -> None:
     """A function is taken for odd only where its form shows it, so one side may stand for both."""
     assert is_odd(parse(text)) is odd
+
+
+@pytest.mark.parametrize("kink", [-1, 0, 1])
+def test_series_need_distance_from_a_kink(kink: int) -> None:
+    """At a kink itself there is no Taylor series, so that a point and an interval about it cannot take two branches."""
+    function = {-1: "sat", 0: "abs", 1: "deadzone"}[kink]
+    at, beside = (variable(Fraction(kink) + gap, Fraction(kink) + gap) for gap in (Fraction(0), Fraction(1, 1024)))
+    with pytest.raises(UndefinedError):
+        at.apply(function)
+    assert beside.apply(function).coefficients(2)

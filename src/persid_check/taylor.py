@@ -189,10 +189,13 @@ def least(about: list[arb], remainder: arb, reach: arb, *, both_sides: bool) -> 
 
 
 def _one_sided(v: Series, kink: int) -> bool:
-    """Whether v > kink (else v < kink) on the ball; where it may be either, there is no series."""
-    if v.terms[0] >= kink:
+    """Whether v > kink (else v < kink) on the ball; where it may be either, there is no series.
+
+    Strictly: where v touches the kink, an interval and a point of it could choose different branches.
+    """
+    if v.terms[0] > kink:
         return True
-    if v.terms[0] <= kink:
+    if v.terms[0] < kink:
         return False
     raise UndefinedError("a kink inside")
 
