@@ -14,15 +14,19 @@ import persid_check
 from persid import cli
 from persid.barrier import State, derivatives
 from persid.bilinear import Point
+from persid.candidates import Candidate, Choice, ranked, rescaled, shown, trials
 from persid.certificate import value
 from persid.certify import Attempt, Reason, Undecided
-from persid.constrained import CertifiedIdentifier
+from persid.constrained import CertifiedIdentifier, deliver
 from persid.descent import Stop, descend
 from persid.errors import DataError
 from persid.frame import Demand, Frame
 from persid.freerun import free_run_score
+from persid.functions import scalar_function
 from persid.identify import PersidskiiIdentifier
 from persid.model import PersidskiiModel
+from persid.polish import polish
+from persid.refine import Pieces
 from persid.starts import damped_linear
 from persid.trajectories import Trajectories
 
@@ -121,12 +125,32 @@ def test_gains_are_certified():
     assert np.sqrt(gamma / (kappa * p)) <= 5.0
 
 
+PENDULUM = PersidskiiModel(
+    [[0.0, 1.0], [0.0, -0.5]], [("sin(x)", [[1.0, 0.0]], [[0.0], [-2.0]])], [[0.0], [1.0]],
+    states=["angle", "speed"], inputs=["torque"],
+)  # fmt: skip
+
+
 def test_regions_are_certified():
-    """With scope="regional" the claim is about the box of the data."""
-    free = PersidskiiIdentifier(["x", "sin(x)"], ridge=1e-4)
-    fit = CertifiedIdentifier(free, ridge=1e-4, scope="regional").fit(runs())
+    """With scope="regional" the claim is about the box of the data: with scaled rows, inputs and a rate; it holds."""
+    u = 0.4 * np.repeat(np.random.default_rng(0).normal(size=30), 20)[:, None]
+    found = [PENDULUM.simulate(x0, T, u)[0] for x0 in ([1.2, 0.0], [-1.5, 0.5])]
+    x = [run.x + 0.01 * np.random.default_rng(1).normal(size=run.x.shape) for run in found]
+    data = Trajectories.from_arrays(x, [u, u], t=[T, T], states=PENDULUM.states, inputs=PENDULUM.inputs)
+    free = PersidskiiIdentifier(["x", "sin(x)"], ridge=1e-4, scale=2.0)
+    fit = CertifiedIdentifier(free, ridge=1e-4, scope="regional").fit(data)
+    certificate = fit.certificate_
     assert accepted(fit)
-    assert fit.certificate_.claim == "R"
+    assert certificate.claim == "R"
+    assert fit.model_.terms[0].R[0, 0] == 0.5
+    assert min(fit.report_.certified.r2_states) > 0.99
+    assert value(certificate.content["kappa"]) > 0.01
+    level, bound = (value(certificate.content[name]) for name in ("level", "input_bound"))
+    ray = certificate.operating_point + np.outer(np.linspace(0, 1, 101), [1.0, 0.5])
+    start = ray[np.flatnonzero(certificate.V(ray) < level)[-1]]
+    V = certificate.V(fit.simulate(start, T, np.full_like(u, bound))[0].x)
+    assert V[0] > 0.8 * level
+    assert V.max() <= level
 
 
 def test_fixed_coefficients_stay():
@@ -172,8 +196,83 @@ def test_functions_are_selected():
     free = PersidskiiIdentifier(["x", "x**3", "tanh(x)"], ridge=1e-6)
     fit = CertifiedIdentifier(free, ridge=1e-6, select="auto").fit(runs(linear))
     assert accepted(fit)
-    assert len(fit.table_) == 4
     assert not fit.model_.terms
+    assert [row.names for row in fit.table_[:2]] == [("x", "x**3", "tanh(x)"), ("x",)]
+    assert fit.table_[0].certified
+    assert all(0.5 < row.r2 <= 1 for row in fit.table_)
+
+
+def row(functions: tuple[tuple[str, ...], ...], error: float, ridge: float = 1.0, **changed: object) -> Candidate:
+    """Return a candidate with an error."""
+    usual = {"feasible": True, "certified": None, "r2": 0.0, "excess": 0.0, "seconds": 0.0}
+    return Candidate(functions, shown(functions, ("a", "b")), ridge, error=error, **{**usual, **changed})
+
+
+def test_candidates_are_ranked_by_error_and_size():
+    """Of candidates within 2 % the smallest comes first; those without proof or with a blow-up take no part."""
+    full, lean = (("x", "tanh(x)"),) * 2, (("x",), ("x", "tanh(x)"))
+    table = [row(full, 0.100), row(lean, 0.101), row(full, 0.05, certified=False), row(full, np.inf)]
+    assert [choice.functions for choice in ranked(table, 1.0)] == [lean, full]
+    assert ranked(table[2:], 3.0) == [Choice(None, 3.0)]
+    assert table[1].names == ("x", "tanh(x) in b")
+
+
+def test_candidates_follow_what_was_good():
+    """After ridges come smaller sets; then scales, and sets without one function in one state, of the best so far."""
+    full, table = (("x", "x**3", "tanh(x)"),) * 2, []
+    best = (("x", "tanh(x)"),) * 2
+    tried = []
+    for choice in trials(full, [1.0, 0.1], table, select=True):
+        tried.append(choice)
+        table.append(row(choice.functions, 0.1 if choice.functions == best else 0.2, choice.ridge))
+    assert [choice.functions for choice in tried[:5]] == [full, full, (("x",),) * 2, (("x", "x**3"),) * 2, best]
+    assert [choice.functions for choice in tried[5:]] == [
+        (("x", "tanh(2*x)"),) * 2, (("x", "tanh(0.5*x)"),) * 2, (("x",), best[1]), (best[0], ("x",)),
+    ]  # fmt: skip
+    assert [choice.ridge for choice in trials(full, [1.0, 0.1], [], select=False)] == [1.0, 0.1]
+
+
+@pytest.mark.parametrize("name", ["tanh(x)", "x/sqrt(1+x**2)", "exp(x)-1"])
+def test_rescaled_functions(name):
+    """The text of a rescaled function means f(2 x)."""
+    y = np.linspace(-1, 1, 7)
+    assert scalar_function(rescaled(name, 2.0)).value(y) == pytest.approx(scalar_function(name).value(2 * y))
+
+
+def test_polishing_lowers_the_free_run_error_under_the_certificate():
+    """Every polished point satisfies the inequality strictly, and the errors of its free runs fall."""
+    data, frame = runs(noise=0.05), frame_of(ridge=1e-2)
+    start = descend(frame.inequality, frame.fit, frame.start(frame.gram.solve(1e-2))).point
+    pieces = Pieces.of(data, "zoh")
+    points = [*polish(frame, start, pieces, lambda: 10.0), start]
+    errors = [float((pieces.errors(frame.gram.basis, frame.theta(point.w)) ** 2).sum()) for point in points]
+    assert len(points) > 2
+    assert (np.diff(errors) > 0).all()
+    assert errors[0] < 0.95 * errors[-1]
+    assert all(State.at(frame.inequality, point) is not None and point.slack == 0 for point in points)
+
+
+def test_a_biased_regression_is_mended():
+    """Where noisy velocities and the ridge ruin the free fit, the certified model's free runs follow the data."""
+    t = 0.01 * np.arange(1000)
+    r = np.sin(t) + np.sin(0.37 * t + 1)
+    lag = PersidskiiModel([[0.0, 1.0], [-400.0, -30.0]], B=[[0.0], [400.0]])
+    y = lag.simulate([0.0, 0.0], t, r[:, None])[0].x[:, :1] + 0.002 * np.random.default_rng(0).normal(size=(1000, 1))
+    data = Trajectories.from_arrays(y, r[:, None], dt=0.01)
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x"], derivatives=1, ridge=0.01), ridge=0.01).fit(data)
+    assert accepted(fit)
+    assert fit.report_.certified.r2_states[0] > 0.999
+    assert fit.report_.free.r2_states[0] < 0.9
+
+
+def test_delivered_fits_have_a_rate():
+    """What a run delivers after a fit under the certificate shows a rate and a gain (claim E)."""
+    free = PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-4)
+    data = runs(count=1)
+    made = deliver(free.fit(data), Undecided(Reason.STALLED), data, 20.0)
+    assert made.verdict.certificate.claim == "E"
+    assert made.verdict.certificate.content["model_sha256"] == made.model.sha256
+    assert [fit["verdict"] for fit in made.comparison["fits"]] == ["undecided", "certified"]
 
 
 def test_starts_from_afar():

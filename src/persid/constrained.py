@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,93 +13,38 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
 from persid import freerun
+from persid.candidates import (
+    Candidate,
+    Choice,
+    Dictionary,
+    dictionary,
+    estimator_with,
+    free_run_error,
+    halves,
+    lowest_error,
+    ranked,
+    scored,
+    shortened,
+    shown,
+    trials,
+)
 from persid.certificate import Certificate, value
-from persid.certify import Attempt, Certified, Reason, Undecided, Verdict
+from persid.certify import Attempt, Certified, Reason, Undecided, Verdict, certify
+from persid.comparison import CertifiedReport, comparison
 from persid.errors import DataError
 from persid.frame import Demand
-from persid.freerun import Score
 from persid.identify import PersidskiiIdentifier
 from persid.model import PersidskiiModel
 from persid.refine import Pieces
-from persid.starts import Line, Result, Task, best_certified, sketch
-from persid.trajectories import Trajectories, Trajectory
+from persid.starts import Line, Result, Task, best_certified, certificate_of, sketch
+from persid.trajectories import Trajectories
 
 SCOPES = ("global", "regional")
 RIDGES = (1.0, 1e-2, 1e-4)  # strengths that are tried, in units of the free fit's
 LEAST_RIDGE = 1e-8
 TRIED_STATES = 6  # several ridges are tried up to this many states
-VALIDATED = 0.2  # share of every run that candidates are scored on
-SHORTEST = 16  # samples of a run, below which nothing is kept for scores
-LONGEST = 3000  # samples of one scored free run
-SIMILAR = 1.02  # of candidates within 2 % of the best error, the first counts: the simplest, most regular one
+RATING = 10.0  # s, at least, in which a rate and a gain are sought
 GAIN_RATES = (0.5, 0.2, 0.05)  # shares of the linear fit's decay rate at which a gain is asked for
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One choice of functions and ridge, fitted under the certificate to the first part of every run.
-
-    `feasible` says whether a fit that satisfies the matrix inequality in floating point was found (proofs are made of
-    the final fit alone); `error` is the free-run RMSE on the rest, in widths of the data; `excess` the growth of the
-    residuals over the free fit with the same functions and ridge.
-    """
-
-    functions: tuple[str, ...]
-    ridge: float
-    feasible: bool
-    error: float
-    excess: float
-    seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class CertifiedReport:
-    """The free fit and the certified one side by side: free runs over all of the data, and how the search went.
-
-    `price` is the certified model's RMSE over the free one's; None where nothing was certified or the free model blows
-    up. `stop` is the sentence with which the best descent ended.
-    """
-
-    free: Score
-    certified: Score | None
-    ridge: float | None
-    excess: float | None
-    stop: str
-    seconds: float
-    history: tuple[Line, ...]
-    table: tuple[Candidate, ...]
-
-    @property
-    def price(self) -> float | None:
-        """RMSE of the certified model over that of the free one."""
-        if self.certified is None or self.free.blow_ups or not self.free.rmse > 0:
-            return None
-        return self.certified.rmse / self.free.rmse
-
-    def __str__(self) -> str:
-        lines = [f"free       {_score_text(self.free)}", f"certified  {_score_text(self.certified)}"]
-        if self.price is not None:
-            lines.append(f"price      RMSE times {self.price:.3f}; residuals +{100 * (self.excess or 0.0):.2g} %")
-        lines += [f"{self.stop} ({self.seconds:.1f} s)", *(_line_text(line) for line in self.history)]
-        return "\n".join([*lines, *(_candidate_text(candidate) for candidate in self.table)])
-
-
-def _score_text(score: Score | None) -> str:
-    if score is None:
-        return "none found"
-    blown = f", {score.blow_ups} runs blow up" if score.blow_ups else ""
-    return f"RMSE {score.rmse:.4g}, R2 " + " ".join(f"{r:.3f}" for r in score.r2_states) + blown
-
-
-def _line_text(line: Line) -> str:
-    end = "certified" if line.certified else "not certified"
-    cost = f"residuals +{100 * line.excess:.3g} %, {line.steps} steps, {line.seconds:.1f} s"
-    return f"  {line.start}: {end}, {cost}. {line.stop}"
-
-
-def _candidate_text(row: Candidate) -> str:
-    end = f"validation error {row.error:.4g}" if row.feasible else "no feasible fit"
-    return f"  {', '.join(row.functions)}; ridge {row.ridge:.1e}: {end}, {row.seconds:.1f} s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,42 +62,39 @@ def deliver(
     data: Trajectories,
     time_limit: float = 60.0,
     progress: Callable[[str], None] | None = None,
+    select: str | None = None,
 ) -> Delivery:
-    """Keep a free fit that is certified globally; else deliver a fit under the certificate where one is found."""
-    if isinstance(verdict, Certified) and verdict.certificate.scope == "global":
+    """Keep a free fit that is certified globally; else deliver a fit under the certificate where one is found.
+
+    With select="auto" the functions are selected under the certificate in any case.
+    """
+    if select is None and isinstance(verdict, Certified) and verdict.certificate.scope == "global":
         return Delivery(free.model_, verdict)
-    fit = CertifiedIdentifier(free, time_limit=max(time_limit, 1e-3), progress=progress).fit(data)
-    found = fit.verdict_.is_certified
-    return Delivery(
-        fit.model_ if found else free.model_,
-        fit.verdict_ if found else verdict,
-        _comparison(fit.report_, type(verdict).__name__.lower()),
-    )
+    began = time.perf_counter()
+    fit = CertifiedIdentifier(free, select=select, time_limit=max(time_limit, 1e-3), progress=progress).fit(data)
+    compared = comparison(fit.report_, type(verdict).__name__.lower())
+    if not isinstance(fit.verdict_, Certified):
+        return Delivery(free.model_, verdict, compared)
+    left = max(time_limit - (time.perf_counter() - began), RATING)
+    return Delivery(fit.model_, rated(fit.model_, fit.verdict_, left, progress), compared)
 
 
-def _comparison(report: CertifiedReport, verdict: str) -> dict[str, Any]:
-    """Return both fits side by side in plain numbers, as `run.json` keeps them."""
-    scores = (("free", report.free, verdict), ("under the certificate", report.certified, "certified"))
-    fits = [
-        {"name": name, "verdict": word, "rmse": s.rmse, "r2": list(s.r2_states), "blow_ups": s.blow_ups}
-        for name, s, word in scores
-        if s is not None
-    ]
-    history = [
-        {
-            "start": line.start,
-            "certified": line.certified,
-            "excess": line.excess,
-            "seconds": line.seconds,
-            "stop": line.stop,
-        }
-        for line in report.history
-    ]
-    table = [
-        {"functions": list(row.functions), "ridge": row.ridge, "feasible": row.feasible, "error": row.error}
-        for row in report.table
-    ]
-    return {"fits": fits, "price": report.price, "stop": report.stop, "history": history, "candidates": table}
+def rated(
+    model: PersidskiiModel, verdict: Certified, time_limit: float, progress: Callable[[str], None] | None = None
+) -> Certified:
+    """Return the verdict with a rate and a gain, or in a region with a larger rate, where that is found; else as given.
+
+    The multipliers of a fit are those of its data's best model, at the edge of what can be certified; for that model
+    `certify` finds larger rates and smaller gains.
+    """
+    given = verdict.certificate
+    found = certify(model, domain="data" if given.claim == "R" else "global", time_limit=time_limit, progress=progress)
+    if not isinstance(found, Certified) or found.certificate.claim not in ("E", "R"):
+        return verdict
+    new = found.certificate
+    if new.claim == given.claim and value(new.content["kappa"]) <= value(given.content["kappa"]):
+        return verdict
+    return Certified(new, verdict.attempts + found.attempts)
 
 
 class CertifiedIdentifier(BaseEstimator):
@@ -213,22 +154,27 @@ class CertifiedIdentifier(BaseEstimator):
         data = self.free_._known(X, **given)
         began = time.perf_counter()
         deadline = began + self.time_limit
-        table = tuple(self._candidates(data, deadline)) if y is None else ()
+        table = self._candidates(data, deadline) if y is None else ()
         self.table_ = table
         result, history, chosen = self._final(X, y, given, data, table, deadline)
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
         self._deliver(result, data, seconds)
+        if isinstance(self.verdict_, Certified) and self.scope == "regional" and self.min_rate is self.max_gain is None:
+            self.verdict_ = rated(self.model_, self.verdict_, max(deadline - time.perf_counter(), RATING))
+            self.certificate_ = self.verdict_.certificate
         return self
 
     def _final(
         self, X: Any, y: Any, given: dict[str, Any], data: Trajectories, table: tuple[Candidate, ...], deadline: float
-    ) -> tuple[Result | None, tuple[Line, ...], "_Choice"]:
+    ) -> tuple[Result | None, tuple[Line, ...], Choice]:
         """Fit to all data with the best candidate; where that is not certified, with the next ones."""
         history: tuple[Line, ...] = ()
-        choice = _Choice(None, self.free_.ridge_)
-        for choice in _ranked(table, self.free_.ridge_ if self.ridge == "auto" else float(self.ridge)):
-            fitted = self.free_ if choice.functions is None else _with(self.free_, choice.functions).fit(X, y, **given)
+        choice = Choice(None, self.free_.ridge_)
+        for choice in ranked(table, self.free_.ridge_ if self.ridge == "auto" else float(self.ridge)):
+            fitted = self.free_
+            if choice.functions not in (None, self._dictionary):
+                fitted = estimator_with(self.free_, choice.functions).fit(X, y, **given)
             result, lines = self._certified(fitted, choice.ridge, data, deadline)
             history += lines
             if result is not None or time.perf_counter() > deadline:
@@ -241,7 +187,7 @@ class CertifiedIdentifier(BaseEstimator):
         history: tuple[Line, ...] = ()
         for demand in self._demands(fitted):
             task = self._task(fitted, ridge, demand, deadline)
-            score = partial(_error, data=_shortened(data), hold=self.free_.hold)
+            score = partial(free_run_error, data=shortened(data), hold=self.free_.hold)
             result, lines = best_certified(replace(task, score=score, pieces=Pieces.of(data, self.free_.hold)))
             history += lines
             if result is not None and self._meets(result.certificate):
@@ -281,29 +227,43 @@ class CertifiedIdentifier(BaseEstimator):
         strong = self.max_gain is not None and np.sqrt(gamma / (kappa * p)) > self.max_gain
         return not (slow or strong)
 
-    def _candidates(self, data: Trajectories, deadline: float) -> Iterator[Candidate]:
+    @property
+    def _dictionary(self) -> Dictionary:
+        return dictionary(self.free_.functions, len(self.free_.model_.states))
+
+    def _candidates(self, data: Trajectories, deadline: float) -> tuple[Candidate, ...]:
         """Fit candidates to the first part of every run, and score them on the rest."""
-        names = _names(self.free_)
-        dictionaries = _dictionaries(names) if self.select == "auto" else [names]
         ridges = [float(self.ridge)] if self.ridge != "auto" else self._ridges(len(data.states))
-        parts = _split(data)
-        if parts is None or len(dictionaries) * len(ridges) < 2:
-            return
-        train, test = parts
-        trials = [(functions, ridge) for ridge in ridges for functions in dictionaries]
-        for k, (functions, ridge) in enumerate(trials):
-            began = time.perf_counter()
-            # Half of the time is for the candidates, and no candidate takes more than its share of what is left.
-            left = (deadline - began - 0.5 * self.time_limit) / (len(trials) - k)
+        parts, table = halves(data), list[Candidate]()
+        if parts is None or (self.select is None and len(ridges) < 2):
+            return ()
+        until = deadline - 0.5 * self.time_limit  # half of the time is for the candidates
+        for choice in trials(self._dictionary, ridges, table, self.select == "auto"):
+            left = until - time.perf_counter()
             if left <= 0:
-                return
-            fitted = _with(self.free_, functions).set_params(derivatives=0, delays=0).fit(train)
-            found = sketch(self._task(fitted, ridge, next(self._demands(fitted)), began + left))
-            error, excess = np.inf, np.inf
-            if found is not None:
-                error = _error(fitted.gram_.basis.model(found.theta), test, self.free_.hold)
-                excess = found.excess
-            yield Candidate(functions, ridge, found is not None, error, excess, time.perf_counter() - began)
+                break
+            table.append(self._candidate(choice, *parts, 0.5 * left, lowest_error(table)))
+        return tuple(table)
+
+    def _candidate(
+        self, choice: Choice, train: Trajectories, test: Trajectories, limit: float, bar: float
+    ) -> Candidate:
+        """Fit one candidate to the first part; where functions are selected, polish it, and prove it if it leads."""
+        began = time.perf_counter()
+        functions = choice.functions or self._dictionary
+        fitted = estimator_with(self.free_, functions).set_params(derivatives=0, delays=0).fit(train)
+        selecting = self.select == "auto"
+        task = self._task(fitted, choice.ridge, next(self._demands(fitted)), began + limit)
+        found = sketch(replace(task, pieces=Pieces.of(train, self.free_.hold)) if selecting else task)
+        error, r2, certified = np.inf, -np.inf, None
+        if found is not None:
+            model = task.make(found.theta)
+            error, r2 = scored(model, test, self.free_.hold)
+            if selecting and error < bar:
+                certified = certificate_of(task, found.frame, model, found.point) is not None
+        excess = np.inf if found is None else found.excess
+        names, seconds = shown(functions, self.free_.model_.states), time.perf_counter() - began
+        return Candidate(functions, names, choice.ridge, found is not None, certified, error, r2, excess, seconds)
 
     def _ridges(self, n: int) -> list[float]:
         strengths = [max(self.free_.ridge_ * share, LEAST_RIDGE) for share in RIDGES]
@@ -316,7 +276,7 @@ class CertifiedIdentifier(BaseEstimator):
         )
         self.model_ = self.free_.model_ if result is None else result.model
         self.certificate_ = None if result is None else result.certificate
-        runs = _shortened(data)
+        runs = shortened(data)
         free, certified = (
             freerun.free_run_score(model, runs, self.free_.hold) for model in (self.free_.model_, self.model_)
         )
@@ -355,71 +315,6 @@ class CertifiedIdentifier(BaseEstimator):
         """Return the R2 of free runs over all runs, the mean over states; y is ignored."""
         check_is_fitted(self, "model_")
         return freerun.free_run_score(self.model_, self.free_._known(X, u, t, dt), self.free_.hold).r2_mean
-
-
-@dataclass(frozen=True)
-class _Choice:
-    functions: tuple[str, ...] | None
-    ridge: float
-
-
-def _ranked(table: tuple[Candidate, ...], fallback: float) -> list[_Choice]:
-    """Order feasible candidates by their error, the first one within 2 % of the best in front."""
-    good = sorted((row for row in table if row.feasible and np.isfinite(row.error)), key=lambda row: row.error)
-    if not good:
-        return [_Choice(None, fallback)]
-    first = next(row for row in table if row in good and row.error <= SIMILAR * good[0].error)
-    return [_Choice(row.functions, row.ridge) for row in [first, *(row for row in good if row is not first)]][:4]
-
-
-def _names(fitted: Any) -> tuple[str, ...]:
-    functions = fitted.functions
-    return tuple(functions) if all(isinstance(f, str) for f in functions) else ()
-
-
-def _dictionaries(names: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Return the sets of functions that hold the linear part, small ones first."""
-    others = [name for name in names if name != "x"]
-    if not names or len(others) > 5:
-        return [names]
-    sets = [chosen for size in range(len(others) + 1) for chosen in combinations(others, size)]
-    return [("x", *chosen) for chosen in sets] if "x" in names else [chosen for chosen in sets if chosen]
-
-
-def _with(fitted: Any, functions: tuple[str, ...]) -> Any:
-    """Return an unfitted estimator like a fitted one, with its ridge and other functions (its own where empty)."""
-    made = clone(fitted).set_params(ridge=fitted.ridge_, holdout=0.0)
-    return made.set_params(functions=list(functions)) if functions else made
-
-
-def _shortened(data: Trajectories) -> Trajectories:
-    """Return the first samples of every run, as many as are scored."""
-    return Trajectories(tuple(run[:LONGEST] for run in data), data.states, data.inputs)
-
-
-def _split(data: Trajectories) -> tuple[Trajectories, Trajectories] | None:
-    """Return the first part of every run and the rest, or None where the runs are too short."""
-    if min(len(run) for run in data) * VALIDATED < SHORTEST:
-        return None
-    cuts = [len(run) - int(VALIDATED * len(run)) for run in data]
-    first = tuple(run[:cut] for run, cut in zip(data, cuts, strict=True))
-    rest = tuple(run[cut : cut + LONGEST] for run, cut in zip(data, cuts, strict=True))
-    return Trajectories(first, data.states, data.inputs), Trajectories(rest, data.states, data.inputs)
-
-
-def _error(model: PersidskiiModel, data: Trajectories, hold: str) -> float:
-    """Return the free-run RMSE in widths of the data, each state counting alike."""
-    limits = freerun.box(data)
-    width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
-    errors = [_run_error(model, run, hold, width) for run in data]
-    return float(np.sqrt(np.mean(errors)))
-
-
-def _run_error(model: PersidskiiModel, run: Trajectory, hold: str, width: ndarray) -> float:
-    found = model.simulate(run.x[0], run.t, freerun.input_signal(run.t, run.u, hold))[0]
-    if len(found) < len(run):
-        return np.inf
-    return float((((found.x - run.x) / width) ** 2).mean())
 
 
 def _fixed(fixed: Mapping[tuple[str, str], float | int] | None, fitted: Any) -> Float[ndarray, "p n"]:
