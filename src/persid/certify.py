@@ -14,6 +14,7 @@ from numpy import ndarray
 from persid.certificate import Certificate, RoundingError
 from persid.equilibrium import OperatingPoint, find_operating_point, vector
 from persid.errors import ModelError
+from persid.evidence import Evidence, simulated
 from persid.interior_point import Status
 from persid.model import PersidskiiModel
 from persid.network_proof import NetworkCertificate, NetworkObstruction, certify_network, is_large
@@ -103,16 +104,19 @@ class Refuted(_Verdict):
 class Undecided(_Verdict):
     """Neither a proof nor a witness was found; `reason` is a full sentence, `detail` what it was about and what to try.
 
-    `obstruction` proves the reason where it is INFEASIBLE; it does not refute stability.
+    `obstruction` proves the reason where it is INFEASIBLE; it does not refute stability. `evidence` tells what a few
+    simulations did; it neither proves nor refutes anything.
     """
 
     reason: Reason
     detail: str = ""
     attempts: tuple[Attempt, ...] = ()
     obstruction: Obstruction | NetworkObstruction | None = None
+    evidence: Evidence | None = None
 
     def __str__(self) -> str:
-        return f"Undecided: {self.reason.value} {self.detail}".rstrip()
+        parts = (self.reason.value, self.detail, str(self.evidence or ""))
+        return "Undecided: " + " ".join(part for part in parts if part)
 
 
 Verdict = Certified | Refuted | Undecided
@@ -126,8 +130,13 @@ class _Failure:
     detail: str
     obstruction: Obstruction | NetworkObstruction | None = None
 
-    def undecided(self, log: "_Log") -> Undecided:
-        return Undecided(self.reason, self.detail, tuple(log.attempts), self.obstruction)
+    def undecided(self, asked: "_Asked", log: "_Log") -> Undecided:
+        evidence = None
+        if not is_large(asked.model):
+            with log.attempt("simulations from bounded states") as outcome:
+                evidence = simulated(asked.model, asked.u)
+                outcome.append(f"{evidence.diverged} of {evidence.runs} diverged")
+        return Undecided(self.reason, self.detail, tuple(log.attempts), self.obstruction, evidence)
 
 
 @dataclass
@@ -220,7 +229,7 @@ def _decide(asked: _Asked, log: _Log) -> Verdict:
         if isinstance(found, NetworkCertificate):
             return Certified(found, tuple(log.attempts))
         if is_large(asked.model):
-            return found.undecided(log)
+            return found.undecided(asked, log)
     asked = replace(asked, model=asked.model.dense())
     with log.attempt("equilibria at the nominal input") as outcome:
         points = find_operating_point(asked.model, asked.u, near=asked.near)
@@ -233,7 +242,7 @@ def _decide(asked: _Asked, log: _Log) -> Verdict:
     if isinstance(regional, Certificate):
         return Certified(regional, tuple(log.attempts))
     failure = verdict or regional or _FAILURES[Status.TIME]
-    return failure.undecided(log)
+    return failure.undecided(asked, log)
 
 
 def _near(model: PersidskiiModel, operating_point: Any) -> ndarray | None:

@@ -84,11 +84,11 @@ def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m
 
 
 def _scale(model: PersidskiiModel) -> float:
-    box = _box(model)
+    box = usual_box(model)
     return float(np.abs(box).max()) or 1.0
 
 
-def _box(model: PersidskiiModel) -> ndarray:
+def usual_box(model: PersidskiiModel) -> Float[ndarray, "n 2"]:
     """Return the box of the data, or one of a few natural units of the functions where the model has none."""
     if model.domain is not None:
         return model.domain
@@ -99,7 +99,7 @@ def _box(model: PersidskiiModel) -> ndarray:
 
 
 def _starts(model: PersidskiiModel, centre: ndarray, count: int, seed: int) -> ndarray:
-    box = _box(model)
+    box = usual_box(model)
     middle, half = box.mean(axis=1), np.diff(box, axis=1)[:, 0] / 2
     cube = np.random.default_rng(seed).uniform(-1, 1, (count, model.n))
     near, far = middle + half * cube[: count // 2], middle + REACH * half * cube[count // 2 :]

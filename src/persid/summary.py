@@ -6,9 +6,10 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
 from persid.certificate import Certificate
-from persid.certify import Certified, Refuted
+from persid.certify import Certified, Refuted, Undecided
 from persid.model import PersidskiiModel
 
+LISTED_STATES = 1000  # the operating point of a larger model is not listed
 NO_PLANT = (
     "It is about the model, not about the plant that was measured: how far the two agree is a question for the "
     "comparison with the measurements."
@@ -17,7 +18,10 @@ NO_PLANT = (
 
 @dataclass(frozen=True)
 class Summary:
-    """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of claims E and R."""
+    """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of claims E and R.
+
+    `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
+    """
 
     verdict: str
     claim: str | None
@@ -27,6 +31,7 @@ class Summary:
     rate: float | None
     gain: float | None
     seconds: float
+    evidence: dict[str, Any] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
@@ -39,10 +44,17 @@ def summarize(verdict: Any) -> Summary:
     seconds = round(math.fsum(attempt.seconds for attempt in verdict.attempts), 3)
     if isinstance(verdict, Certified):
         certificate = verdict.certificate
-        point = [float(x) for x in certificate.operating_point]
+        large = certificate.model.n > LISTED_STATES
+        point = None if large else [float(x) for x in certificate.operating_point]
         rate, gain = certificate.rate, certificate.gain
         return Summary(name, certificate.claim, certificate.scope, point, None, rate, gain, seconds)
-    return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds)
+    evidence = asdict(verdict.evidence) if isinstance(verdict, Undecided) and verdict.evidence else None
+    return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
+
+
+def attempt_rows(verdict: Any) -> list[tuple[str, str, str]]:
+    """Return every attempt of a verdict as a row: what was tried, how it ended, and its seconds."""
+    return [(one.what, one.outcome, f"{one.seconds:.2f} s") for one in verdict.attempts]
 
 
 def below(number: float, digits: int = 4) -> str:
@@ -57,8 +69,10 @@ def above(number: float, digits: int = 4) -> str:
 
 def headline(verdict: Any, model: PersidskiiModel) -> str:
     """Return the verdict as one sentence for a person who has never met the theory."""
+    if isinstance(verdict, Undecided):  # its evidence is no part of the verdict
+        return f"Undecided: {verdict.reason.value} {verdict.detail}".rstrip()
     if not isinstance(verdict, Certified):
-        return f"{type(verdict).__name__}: {summarize(verdict).reason}"
+        return str(verdict)
     if verdict.certificate.scope == "regional":
         return (
             "Certified: the model is input-to-state stable in a region around its operating point; from every start "
@@ -74,7 +88,7 @@ def headline(verdict: Any, model: PersidskiiModel) -> str:
     )
 
 
-def _counts_b(certificate: Certificate, model: PersidskiiModel) -> bool:
+def _counts_b(certificate: Any, model: PersidskiiModel) -> bool:
     """Whether the constant b is one of the inputs of the claim."""
     return certificate.content["operating_point"] is None and bool(model.b.any())
 
