@@ -1,13 +1,18 @@
 """The interior-point method against a library solver, and the two answers it may give."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy import ndarray
+from scipy import sparse
 
 from persid.certificate import Certificate, RoundingError
-from persid.interior_point import Problem, Solution, Status, combine, pairings, solve, unpack, whitened
-from persid.lmi import Assembly
+from persid.interior_point import Solution, Status, solve, whitening
+from persid.lmi import Assembly, assemble
+from persid.pairs import Problem, combine, pairings, unpack
 from persid.proof import choose, write
+from persid.system import Family
 from random_problems import random_assembly, random_model
 
 NEAR_ZERO = 1e-6  # of the scale of the problem: below, a library solver's sign means nothing
@@ -22,7 +27,7 @@ def by_library(problem: Problem) -> float:
     """Return the optimal margin of the whitened problem from Clarabel through CVXPY."""
     import cvxpy as cp
 
-    white, _ = whitened(problem)
+    white = problem.whitened(whitening(problem))
     F = generators(white)
     size = [np.linalg.norm(f) for f in F]
     y, t = cp.Variable(len(F)), cp.Variable()
@@ -158,11 +163,11 @@ def test_interrupt_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> Non
 
     steps, iterate = [], interior_point._iterate
 
-    def interrupted(problem: Problem, state: object) -> object:
+    def interrupted(state: object) -> object:
         steps.append(state)
         if len(steps) == 3:
             raise KeyboardInterrupt
-        return iterate(problem, state)
+        return iterate(state)
 
     monkeypatch.setattr(interior_point, "_iterate", interrupted)
     solution = solve(random_assembly(3).problem, quality=0.99)
@@ -171,14 +176,69 @@ def test_interrupt_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> Non
     assert solution.lower == steps[-1].t
 
 
+def test_interrupted_answer_is_feasible_only_where_the_point_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After Ctrl-C a positive t counts as a margin only if the point meets its inequalities."""
+    from persid import interior_point
+
+    def interrupted(state: object) -> object:
+        raise KeyboardInterrupt
+
+    problem = random_assembly(1).problem
+    feasible = solve(problem)
+    assert feasible.status is Status.FEASIBLE
+    monkeypatch.setattr(interior_point, "_iterate", interrupted)
+    for change, is_feasible in (({}, True), ({"t": 10.0 * feasible.upper}, False), ({"y": -feasible.y}, False)):
+        claimed = replace(feasible.last, **change)
+        monkeypatch.setattr(interior_point, "_start", lambda white, claimed=claimed: claimed)
+        assert (solve(problem, quality=100.0).status is Status.FEASIBLE) is is_feasible
+
+
+def test_goes_on_where_it_was_when_unknowns_join() -> None:
+    """A run that is continued with unknowns that joined it answers as a run from the beginning does."""
+    for seed in (0, 1, 2, 5, 6, 10):
+        whole = random_assembly(seed)
+        first = [Family(f.forms, f.densities[:1], f.products[:1]) for f in whole.families]
+        few = assemble(whole.system, first, full_P=whole.problem.symmetric > 0)
+        rough = solve(few.problem, fall=0.3)
+        assert rough.status is Status.ROUGH
+        places = whole.places_in(few)
+        assert (places < 0).any()
+        resumed, cold = solve(whole.problem, start=(rough, places)), solve(whole.problem)
+        assert resumed.status is cold.status
+        assert resumed.lower > 0 or resumed.upper < 0
+
+
+def test_bound_is_infinite_until_the_dual_equalities_are_met() -> None:
+    """A price that is negative when its unknown joins leaves no upper bound before the steps have met it."""
+    whole = random_assembly(3)
+    few = assemble(whole.system, [Family(f.forms, f.densities, ()) for f in whole.families])
+    rough = solve(few.problem, fall=1e-2)
+    assert np.isfinite(rough.upper)
+    places = whole.places_in(few)
+    assert (pairings(whole.problem, rough.X)[places < 0] < 0).any(), "the example must have a product that helps"
+    assert solve(whole.problem, start=(rough, places), iterations=1).upper == np.inf
+
+
+@pytest.mark.filterwarnings("error")
+def test_products_that_vanish_start_without_a_division_by_zero() -> None:
+    """Two one-sided forms with disjoint entries price a multiple of I at zero; the start is interior all the same."""
+    problem = random_assembly(2).problem
+    S = problem.S.tolil()
+    line = int(problem.p[-1]), int(problem.q[-1])
+    S[line[0], :], S[line[1], :] = 0.0, 0.0
+    S[line[0], 0], S[line[1], 1] = 1.0, 1.0
+    changed = replace(problem, S=sparse.csr_array(S.tocsr()), X=np.eye(problem.order))
+    assert pairings(changed, changed.X)[-1] == 0
+    assert solve(changed, iterations=3).log
+
+
 def test_start_is_strictly_feasible_where_the_given_dual_matrix_is_not() -> None:
     """A dual matrix regularised out of the sector cone is pulled back into it before the first step."""
-    from dataclasses import replace
-
     problem = random_assembly(2).problem
     free = problem.cost == 0
     free[: problem.free] = False
     X = problem.X + 0.5 * np.eye(problem.order) * np.trace(problem.X)
     assert (pairings(problem, X)[free] <= 0).any(), "the example must violate a product"
-    white, _ = whitened(replace(problem, X=X))
-    assert (pairings(white, white.X)[free] > 0).all()
+    outside = replace(problem, X=X)
+    white = outside.whitened(whitening(outside))
+    assert (pairings(white, np.eye(white.order))[free] > 0).all()
