@@ -18,6 +18,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid_check.enclosure import Interval, between, constant, value, value_and_slope
+from persid_check.equilibrium import argument
 from persid_check.expression import Program
 from persid_check.model import groups_of, read_model
 
@@ -134,8 +135,8 @@ def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
     total = _quadratic(content["P"], dx)
     for group, stored in zip(groups_of(model), content["groups"], strict=True):
         weights = _density(stored, 1 + len(group.members))
-        y = _along(group.row, dx)
-        at = _along(group.row, [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)])
+        y = argument(group.row, dx)
+        at = argument(group.row, [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)])
         total = total + constant(weights[0]) * y.power(Fraction(2))
         for weight, (c, alpha) in zip(weights[1:], group.members, strict=True):
             if weight:
@@ -165,13 +166,6 @@ def _density(stored: Mapping[str, Any], size: int) -> list[Fraction]:
     total = [Fraction(0)] * size
     for mu, form in zip(stored["mu"], stored["forms"], strict=True):
         total = [a + exact(mu) * exact(c) for a, c in zip(total, form, strict=True)]
-    return total
-
-
-def _along(row: Mapping[int, Fraction], dx: Sequence[Interval]) -> Interval:
-    total = constant(Fraction(0))
-    for i, r in row.items():
-        total = total + constant(r) * dx[i]
     return total
 
 

@@ -76,7 +76,7 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
         for b, v in zip(model.B[i], inputs, strict=True):
             total[i] = total[i] + constant(Fraction(b)) * v if b else total[i]
     for channel in model.channels:
-        f = value(channel.program, _argument(channel.row, offset))
+        f = value(channel.program, argument(channel.row, offset))
         for i, weight in enumerate(channel.column):
             total[i] = total[i] + constant(Fraction(weight)) * f if weight else total[i]
     return total
@@ -87,7 +87,7 @@ def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:
     offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
     J = [[constant(a) for a in row] for row in model.A0]
     for channel in model.channels:
-        y = _argument(channel.row, offset)
+        y = argument(channel.row, offset)
         slope = value_and_slope(channel.program, y, constant(Fraction(1)))[1]
         for i, a in enumerate(channel.column):
             for j, r in channel.row.items() if a else ():
@@ -95,7 +95,8 @@ def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:
     return J
 
 
-def _argument(row: Mapping[int, Fraction], offset: Sequence[Interval]) -> Interval:
+def argument(row: Mapping[int, Fraction], offset: Sequence[Interval]) -> Interval:
+    """Return r'd, for offsets d in intervals."""
     total = constant(Fraction(0))
     for i, r in row.items():
         total = total + constant(r) * offset[i]
