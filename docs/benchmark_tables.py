@@ -33,7 +33,7 @@ def section(path: Path) -> str:
     parts = [f"## {path.stem.replace('_', ' ').capitalize()}", f"`{command}`, " if command else ""]
     parts[1] += f"`benchmarks/results/{path.name}`"
     singles = {name: value for name, value in content.items() if not isinstance(value, dict | list)}
-    parts += [table([{"": name, "value": value} for name, value in singles.items()])] if singles else []
+    parts += [block(singles)] if singles else []
     for name, value in content.items():
         if name not in singles:
             parts += [f"**{name.replace('_', ' ')}**", block(value)]
@@ -43,12 +43,12 @@ def section(path: Path) -> str:
 
 
 def block(value: Any) -> str:
-    """Return a list or an object as a table."""
+    """Return a list as a table, an object of objects as one too, and an object of single values as a line."""
     if isinstance(value, list):
         return table([row if isinstance(row, dict) else {"value": row} for row in value])
     if value and all(isinstance(row, dict) for row in value.values()):
         return table([{"": name, **row} for name, row in value.items()])
-    return table([{"": name, "value": row} for name, row in value.items()])
+    return "; ".join(f"{name} {cell(row)}" for name, row in value.items()) or "none"
 
 
 def table(rows: list[dict[str, Any]]) -> str:

@@ -17,6 +17,7 @@ import matplotlib.pyplot as plt
 import pytest
 
 import persid as ps
+import persid_check
 from persid.cli import main
 from shown import numbers, words
 
@@ -188,3 +189,12 @@ def test_benchmark_tables_hold_any_record(tmp_path: Path) -> None:
         )
         == 1
     )
+
+
+def test_api_pages_hold_every_public_name() -> None:
+    """Every public function and class of persid has its entry on an API page, and every public name of the checker."""
+    entries = set(
+        re.findall(r"^::: \S+\.(\w+)$", "\n".join(p.read_text(encoding="utf-8") for p in DOCS.glob("api/*.md")), re.M)
+    )
+    errors = {name for name in ps.__all__ if name.endswith("Error")}  # documented together, as a module
+    assert {*ps.__all__, *persid_check.__all__} - errors - {"__version__"} <= entries
