@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from persid_check import Accepted, canonical_model, check, model_sha256
+from persid_check import Accepted, Malformed, Rejected, canonical_model, check, model_sha256
 from persid_check.cone import generators
+from persid_check.model import read_model
+from persid_check.nodes import nodes_of
+from persid_check.table import doubtful, table_of
 
 
 def dyadic(number: float) -> list[int]:
@@ -86,3 +89,165 @@ def test_a_small_network_is_accepted() -> None:
     assert "exp(-0.5 t)" in result.statement
     assert "2 sup|u1 - u1*|" in result.statement
     assert "exactly one equilibrium" in result.statement
+
+
+def small() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return a model of two nodes and an accepted certificate of it."""
+    subject = model([[-2, 0.5], [0, -2]], [("tanh(x)", None, [[0, 1], [0.5, 0]])], B=[[1], [0]])
+    return subject, file(subject, [(TANH, TANH_FORMS)], (1, 1), 0.5)
+
+
+def test_the_rate_in_the_file_is_the_largest() -> None:
+    """A rate a little above the largest one is rejected: node 2 decays at 2 - 1 - 0.5 with tanh(y) = y."""
+    _, content = small()
+    assert isinstance(answer({**content, "kappa": dyadic(0.5 + 2**-40)}), Rejected)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"kappa": [0, 0]}, "weights"),
+        ({"kappa": [-1, 0]}, "weights"),
+        ({"weights": [[1, 0], [0, 0]]}, "weights"),
+        ({"weights": [[1, 0], [-1, 0]]}, "weights"),
+        ({"weights": [[1, 0], [1, 3]]}, "weights"),
+        ({"model_sha256": "0" * 64}, "model_sha256"),
+    ],
+    ids=["kappa 0", "kappa negative", "weight 0", "weight negative", "weights too different", "hash"],
+)
+def test_false_numbers_are_rejected(change: dict[str, Any], where: str) -> None:
+    """A file with one false number is rejected, and the place is named."""
+    _, content = small()
+    result = answer({**content, **change})
+    assert isinstance(result, Rejected), result
+    assert result.where == where
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kappa": 0.5},
+        {"weights": [[1, 0]]},
+        {"weights": None},
+        {"operating_point": None},
+        {"kinds": []},
+        {"companion": {"npz": "a.npz"}},
+        {"companion": {"npz": "../a.npz", "sha256": "0" * 64}},
+        {"companion": {"npz": "a.npz", "sha256": "0" * 64}},
+        {"format": "persid-certificate-2"},
+        {"more": 1},
+    ],
+    ids=str,
+)
+def test_what_is_not_specified_is_malformed(change: dict[str, Any]) -> None:
+    """A missing, unknown or ill-typed field, or a companion that is not there, makes a file malformed."""
+    _, content = small()
+    assert isinstance(answer({**content, **change}), Malformed)
+
+
+def test_kinds_are_those_of_the_nodes() -> None:
+    """A kind that no node has, a kind twice, a wrong factor or a form of the wrong length is malformed."""
+    subject, content = small()
+    wrong = [(TANH, TANH_FORMS), ([("sinh(x)", 1.0)], [(0, 1)])]
+    for kinds in (wrong, [(TANH, TANH_FORMS)] * 2, [([("tanh(x)", 2.0)], TANH_FORMS)], [(TANH, [(1, 0, 0)])]):
+        assert isinstance(answer({**content, "kinds": file(subject, kinds, (1, 1), 0.5)["kinds"]}), Malformed)
+
+
+@pytest.mark.parametrize("every", [True, False])
+def test_rows_are_normalised(every: bool) -> None:
+    """x' = 2x - 10 sinh(x/10) is unstable: the form sinh(y/10) - y is false, and the true one is not enough."""
+    subject = model([[2]], [("sinh(x)", [[0.1]], [[-10]])])
+    functions = [("sinh(x)", 0.1)]
+    assert isinstance(answer(file(subject, [(functions, [(-1, 1), (0, 1)])], (1,), 0.5, every=every)), Rejected)
+    assert isinstance(answer(file(subject, [(functions, [(-0.0999, 1), (0, 1)])], (1,), 0.5, every=every)), Rejected)
+
+
+def test_lines_of_the_cone_count() -> None:
+    """x' = x - 2 tanh(x) without any form: the cone holds both directions of tanh, and that is rejected."""
+    assert isinstance(answer(file(model([[1]], [("tanh(x)", None, [[-2]])]), [(TANH, [])], (1,), 0.5)), Rejected)
+    idle = model([[1]], [("tanh(x)", None, [[0]])])
+    assert isinstance(answer(file(idle, [([], [])], (1,), 0.5)), Rejected)
+
+
+def test_an_absent_function_helps_nobody() -> None:
+    """x' = x + u with a sinh whose column is zero is rejected with every list of kinds."""
+    subject = model([[1]], [("sinh(x)", None, [[0]])], B=[[1]])
+    for kinds in ([([], [])], [([("sinh(x)", 1.0)], [(0, 1), (-1, 1)])]):
+        assert isinstance(answer(file(subject, kinds, (1,), 0.5)), Rejected | Malformed)
+
+
+@pytest.mark.parametrize("every", [True, False])
+def test_the_size_of_the_state_is_in_the_cone(every: bool) -> None:
+    """x' = -tanh x + u is not input-to-state stable, and is rejected with any rate."""
+    subject = model([[0]], [("tanh(x)", None, [[-1]])], B=[[1]])
+    for kappa in (0.5, 2.0**-60):
+        assert isinstance(answer(file(subject, [(TANH, TANH_FORMS)], (1,), kappa, every=every)), Rejected)
+
+
+def test_a_form_for_one_point_is_no_form_for_every_point() -> None:
+    """sinh(y) - 0.371 y^3 is a sector form that falls somewhere: it serves about x_ref alone."""
+    functions = [("sinh(x)", 1.0), ("x**3", 1.0)]
+    forms = [(0, 1, 0), (0, 0, 1), (0, 1, -0.371)]
+    subject = model([[-1]], [("sinh(x)", None, [[-1]]), ("x**3", None, [[0.3]])])
+    assert isinstance(answer(file(subject, [(functions, forms)], (1,), 0.5, every=False)), Accepted)
+    assert isinstance(answer(file(subject, [(functions, forms)], (1,), 0.5, every=True)), Rejected)
+
+
+def test_the_constant_b_counts_as_an_input() -> None:
+    """About x_ref a constant b is one more input, and the sentence says so; about every equilibrium it is none."""
+    subject = model([[-1]], B=[[2]], b=[3])
+    about = answer(file(subject, [([], [])], (1,), 1.0, every=False))
+    assert isinstance(about, Accepted)
+    assert "3 sup|v|" in about.statement
+    assert "sup|v|" not in answer(file(subject, [([], [])], (1,), 1.0)).statement
+
+
+def test_rows_of_several_states_are_refused() -> None:
+    """Claim L1 needs argument rows that are positive multiples of unit vectors."""
+    for row in ([1.0, 1.0], [-1.0, 0.0]):
+        subject = model([[-2, 0], [0, -2]], [("tanh(x)", [row], [[0.5], [0.0]])])
+        assert isinstance(answer(file(subject, [([], [])], (1, 1), 0.5)), Rejected)
+
+
+def test_a_discontinuous_function_is_refused() -> None:
+    """A function that is not continuous on R is refused even where its column is zero."""
+    subject = model([[-1]], [("1/x", None, [[0]])])
+    assert isinstance(answer(file(subject, [([], [])], (1,), 0.5)), Rejected)
+
+
+def exact_decrease(nodes: Any, rays: Any, w: Any, kappa: Fraction, k: int) -> Fraction:
+    """Return the largest sum of node k over the generators, by plain fractions."""
+    column = nodes.column(k)
+    largest = None
+    for ray in rays:
+        total = kappa * Fraction(w[k]) * ray[0]
+        for i, slots in column.items():
+            T = sum(a * v for a, v in zip(slots, ray, strict=True))
+            total += Fraction(w[i]) * (T if i == k else abs(T))
+        largest = total if largest is None else max(largest, total)
+    return largest
+
+
+def test_bounded_sums_never_prove_what_fractions_refute() -> None:
+    """In random tables with margins of a few rounding errors, fractions confirm each node that binary64 proves."""
+    rng = np.random.default_rng(7)
+    proved = refuted = 0
+    for trial in range(60):
+        n = 4
+        A = [rng.normal(size=(n, n)) * 10.0 ** rng.integers(-3, 4, (n, n)) for _ in range(3)]
+        subject = model(A[0].tolist(), [("tanh(x)", None, A[1].tolist()), ("x**3", None, A[2].tolist())])
+        nodes = nodes_of(read_model(subject))
+        rays = [(1, *rng.integers(-5, 6, 2).tolist())]
+        w, kappa = 2.0 ** rng.integers(-3, 4, n), Fraction(1, 8)
+        for k in range(n):  # move the diagonal so that the largest sum is zero up to a few units in the last place
+            excess = exact_decrease(nodes, rays, w, kappa, k)
+            A[0][k, k] -= float(excess / Fraction(w[k]))
+            A[0][k, k] += (trial % 7 - 5) * np.spacing(np.abs(A[0]).max())
+        nodes = nodes_of(read_model({**subject, "A0": A[0].tolist()}))
+        left = set(doubtful(table_of(nodes), [rays], w, kappa).tolist())
+        for k in set(range(n)) - left:
+            assert exact_decrease(nodes, rays, w, kappa, k) <= 0
+            proved += 1
+        refuted += sum(exact_decrease(nodes, rays, w, kappa, k) > 0 for k in left)
+    assert proved
+    assert refuted

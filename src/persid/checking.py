@@ -6,10 +6,13 @@ from pathlib import Path
 import persid_check
 from persid.certificate import Certificate
 from persid.model import PersidskiiModel
+from persid.network_proof import NetworkCertificate, is_large
 from persid_check.results import Result
 
 
-def check(certificate: Certificate | str | Path, model: PersidskiiModel | str | Path | None = None) -> Result:
+def check(
+    certificate: Certificate | NetworkCertificate | str | Path, model: PersidskiiModel | str | Path | None = None
+) -> Result:
     """Check a certificate or the file of one; with `model`, it must be the model that the certificate speaks of.
 
     Returns:
@@ -18,8 +21,15 @@ def check(certificate: Certificate | str | Path, model: PersidskiiModel | str | 
     Raises:
         OSError: a file cannot be read.
     """
-    source = certificate.data if isinstance(certificate, Certificate) else Path(certificate)
-    return persid_check.check(source, _bytes(model))
+    data = Path(certificate) if isinstance(certificate, str | Path) else certificate.data
+    arrays = getattr(certificate, "arrays", None)
+    if not (isinstance(model, PersidskiiModel) and is_large(model)):
+        return persid_check.check(data, _bytes(model), arrays=arrays)
+    answer = persid_check.check(data, arrays=arrays)  # a large model is compared by its hash, not written out
+    stated = json.loads(data if isinstance(data, bytes) else data.read_bytes()).get("model_sha256")
+    if isinstance(answer, persid_check.Accepted) and stated != model.sha256:
+        return persid_check.Rejected("model", "the certificate speaks of another model")
+    return answer
 
 
 def _bytes(model: PersidskiiModel | str | Path | None) -> bytes | Path | None:

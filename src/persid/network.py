@@ -227,7 +227,7 @@ def _room(net: Network, kappa: float, worst: ndarray) -> ndarray:
 
 
 def _alone(net: Network, kappa: float) -> tuple[int, int] | None:
-    """Return a generator and a node that it lets grow, or keeps from decaying at the rate, whatever its neighbours do."""
+    """Return a generator and a node that it keeps from decaying at the rate, whatever the weights."""
     for r, (N, d, v0) in enumerate(zip(net.N, net.d, net.v0, strict=True)):
         room = -d - kappa * v0
         bad = room <= 0

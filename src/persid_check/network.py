@@ -19,7 +19,7 @@ from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes, nodes_of
 from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.results import FormatError, NotProvedError
 from persid_check.sparse import SparseModel, is_sparse, read_sparse
-from persid_check.table import Table, doubtful, ends, table_of, table_of_sparse
+from persid_check.table import Table, doubtful, table_of, table_of_sparse
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -67,8 +67,8 @@ class NetworkClaim:
         """The smallest and the largest weight."""
         if isinstance(self.weights, tuple):
             return min(self.weights), max(self.weights)
-        least, most = ends(self.weights)
-        return Fraction(least), Fraction(most)
+        floats = _binary64(self.weights)
+        return Fraction(float(floats.min())), Fraction(float(floats.max()))
 
 
 @dataclass(frozen=True)

@@ -67,8 +67,8 @@ def no_weights(claim: NetworkObstruction) -> str:
     """Return the sentence of claim "L1-infeasible"."""
     return (
         f"{_model(claim.subject)} has no weights w > 0 and no rate kappa > 0 that satisfy claim L1 with the cones cut"
-        " out by the forms in the file. Sharper forms or other Lyapunov functions are not excluded, and stability is not"
-        " refuted."
+        " out by the forms in the file. Sharper forms or other Lyapunov functions are not excluded, and stability is"
+        " not refuted."
     )
 
 

@@ -297,8 +297,3 @@ def _far(values: "ndarray") -> "ndarray":
 
     size = np.abs(values)
     return (size > LARGE) | ((size < 1 / LARGE) & (size > 0))
-
-
-def ends(values: "ndarray") -> tuple[float, float]:
-    """Return the smallest and the largest of some numbers."""
-    return float(values.min()), float(values.max())
