@@ -10,6 +10,7 @@ from persid.interior_point import Status
 from persid.model import PersidskiiModel
 from persid.search import JOINING, Outcome, catalogue, join, search
 from persid.setting import Setting
+from persid.system import Target
 from problems import BY_NAME
 
 
@@ -98,3 +99,11 @@ def test_hundred_states() -> None:
         rng.normal(size=(n, 1)),
     )
     assert _searched(model, time_limit=60.0).status is Status.FEASIBLE
+
+
+def test_a_rate_needs_every_state() -> None:
+    """Where a state is dropped the constants of the pool would belong to other forms: no rate is asked for."""
+    setting = Setting.of(PersidskiiModel(None, [("x**3", None, [[-1.0]])], [[1.0]]), None)
+    assert setting.system.states == ()
+    with pytest.raises(ValueError, match="keep every state"):
+        search(setting.system, setting.pools, target=Target(kappa=0.1, upper=setting.upper))

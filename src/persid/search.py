@@ -30,11 +30,12 @@ RESTARTS = 2  # of runs that stalled after unknowns had joined them
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """How a search ended: the last problem and its solution, and how often it was solved."""
+    """How a search ended: the last problem and its solution; how often unknowns were priced, and all iterations."""
 
     assembly: Assembly
     solution: Solution
     rounds: int
+    iterations: int
 
     @property
     def status(self) -> Status:
@@ -57,13 +58,16 @@ def search(
     `families` is the choice to begin with, such as that of an earlier outcome for the same pools.
     """
     started, target = time.perf_counter(), target or Target()
+    if target.kappa and len(system.states) < system.n:
+        raise ValueError("claims E and R keep every state; this system has dropped one, and its forms with it")
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
-    assembly, start, straight, restarts = whole.assembly(families), None, True, 0
+    assembly, start, straight, restarts, iterations = whole.assembly(families), None, True, 0, 0
     for count in range(1, ROUNDS + 1):
         left = time_limit - (time.perf_counter() - started)
         solution = solve(assembly.problem, start=start, time_limit=left, fall=FALL if count < ROUNDS else 0.0)
+        iterations += len(solution.log)
         if progress is not None:
             size, steps = len(assembly.problem.cost), len(solution.log)
             progress(f"round {count}: {size} unknowns, {steps} iterations, {solution.status.name}")
@@ -79,7 +83,7 @@ def search(
         # a run that unknowns joined on its way and that stalled is made again from the beginning
         start = None if stalled else (solution, assembly.places_in(before))
         straight, restarts = stalled or (straight and settled), restarts + stalled
-    return Outcome(assembly, solution, count)
+    return Outcome(assembly, solution, count, iterations)
 
 
 def catalogue(system: System, families: Sequence[Family], full_P: bool, target: Target) -> Catalogue:
