@@ -285,7 +285,7 @@ class PersidskiiModel:
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], folder: Path | None = None) -> "PersidskiiModel":
+    def from_dict(cls, data: Any, folder: Path | None = None) -> "PersidskiiModel":
         """Return the model of an object such as `model.json` holds; unknown fields are refused.
 
         `folder` is where companions of sparse matrices stand.
@@ -298,6 +298,7 @@ class PersidskiiModel:
         missing = {"states", "B", "terms"} - set(data)
         if missing:
             raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
+        _check_kinds(data)
         if persid_check.sparse.is_sparse(data):
             return cls(**columns.load(data, folder))
         values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
@@ -339,15 +340,42 @@ def load_model(path: str | Path) -> PersidskiiModel:
         raise ModelError(f"{path}: {error}") from None
 
 
+def _check_kinds(data: Mapping[str, Any]) -> None:
+    """Refuse names that are no list of texts, terms that are no objects, and functions that are no texts."""
+    for name in ("states", "inputs"):
+        if not (_are_texts(data.get(name) or []) and (name == "inputs" or data[name])):
+            raise ModelError(f"{name} is {str(data.get(name))[:60]}; needed is a list of names")
+    if not isinstance(data["terms"], list | tuple):
+        raise ModelError("terms is no list of objects with f, R and A")
+    for i, term in enumerate(data["terms"]):
+        if not isinstance(term, Mapping) or {"f", "A"} - set(term):
+            raise ModelError(f"terms[{i}] is no object with f, R and A")
+        if not (isinstance(term["f"], str) or _are_texts(term["f"])):
+            raise ModelError(f"terms[{i}].f is no expression, and no list of them")
+    if not isinstance(data.get("provenance") or {}, Mapping):
+        raise ModelError("provenance is no object")
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
+
+
 def _refuse_constant(text: str) -> float:
     raise ModelError(f"{text} is not a number a model may hold")
 
 
 def _dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
     for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
-        if candidate is not None and np.ndim(candidate) == 2:
-            return int(np.shape(candidate)[0])
+        if candidate is not None and len(shape := _shape(candidate)) == 2:
+            return shape[0]
     raise ModelError("the number of states is unknown: give A0, B or a term")
+
+
+def _shape(candidate: Any) -> tuple[int, ...]:
+    try:
+        return tuple(int(k) for k in np.shape(candidate))
+    except ValueError:  # rows of different lengths: `_array` names the matrix
+        return ()
 
 
 def _matrices(term: Any) -> tuple[Any, Any]:
@@ -373,7 +401,7 @@ def _part(term: Any, key: str, place: int) -> Any:
 def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
     try:
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ModelError(f"{name} is not an array of numbers") from None
     wanted = tuple("m" if k is None else k for k in shape)
     if array.ndim != len(shape) or any(k is not None and k != size for k, size in zip(shape, array.shape, strict=True)):
