@@ -87,14 +87,13 @@ def rated(
     The multipliers of a fit are those of its data's best model, at the edge of what can be certified; for that model
     `certify` finds larger rates and smaller gains.
     """
-    given = verdict.certificate
-    found = certify(model, domain="data" if given.claim == "R" else "global", time_limit=time_limit, progress=progress)
-    if not isinstance(found, Certified) or found.certificate.claim not in ("E", "R"):
+    regional = verdict.certificate.claim == "R"
+    found = certify(model, domain="data" if regional else "global", time_limit=time_limit, progress=progress)
+    if not isinstance(found, Certified) or found.certificate.claim != ("R" if regional else "E"):
         return verdict
-    new = found.certificate
-    if new.claim == given.claim and value(new.content["kappa"]) <= value(given.content["kappa"]):
+    if (found.certificate.rate or 0.0) <= (verdict.certificate.rate or 0.0):
         return verdict
-    return Certified(new, verdict.attempts + found.attempts)
+    return Certified(found.certificate, verdict.attempts + found.attempts)
 
 
 class CertifiedIdentifier(BaseEstimator):
@@ -160,9 +159,6 @@ class CertifiedIdentifier(BaseEstimator):
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
         self._deliver(result, data, seconds)
-        if isinstance(self.verdict_, Certified) and self.scope == "regional" and self.min_rate is self.max_gain is None:
-            self.verdict_ = rated(self.model_, self.verdict_, max(deadline - time.perf_counter(), RATING))
-            self.certificate_ = self.verdict_.certificate
         return self
 
     def _final(
@@ -275,7 +271,6 @@ class CertifiedIdentifier(BaseEstimator):
             for line in self.history_
         )
         self.model_ = self.free_.model_ if result is None else result.model
-        self.certificate_ = None if result is None else result.certificate
         runs = shortened(data)
         free, certified = (
             freerun.free_run_score(model, runs, self.free_.hold) for model in (self.free_.model_, self.model_)
@@ -287,7 +282,12 @@ class CertifiedIdentifier(BaseEstimator):
             self.verdict_: Verdict = Undecided(reason, self.stop_, attempts)
         else:
             self.stop_ = "" if best is None else best.stop
-            self.verdict_ = Certified(result.certificate, attempts)
+            proved = Certified(result.certificate, attempts)
+            unasked = self.min_rate is None and self.max_gain is None
+            if self.scope == "regional" and unasked:
+                proved = rated(result.model, proved, max(self.time_limit - seconds, RATING), self.progress)
+            self.verdict_ = proved
+        self.certificate_ = self.verdict_.certificate if isinstance(self.verdict_, Certified) else None
         excess = None if result is None else result.excess
         self.report_ = CertifiedReport(
             free,

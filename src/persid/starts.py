@@ -142,7 +142,11 @@ def _polished(task: Task, best: Result, pieces: Pieces) -> tuple[Result, Line]:
         if result is not None:
             found = result
             break
-    stop = "Its free runs follow the data better." if found is not best else "Its free runs could not be bettered."
+    words = (
+        "No certified step lowers its free-run error.",
+        "Its free runs follow the data better than those of any start.",
+    )
+    stop = words[found is not best]
     line = Line("best so far, polished by free runs", stop, found.excess, found is not best, 0.0, len(points))
     return found, replace(line, seconds=time.perf_counter() - began)
 
