@@ -25,6 +25,7 @@ TITLES = {
     "recurrent_network": "A recurrent network: how strong may its feedback be?",
     "duffing": "A Duffing oscillator with damping",
     "power_swing": "Three areas of a power grid",
+    "network": "A network of 10,000 states",
     "qube": "Measured: a rotary pendulum",
     "faster": "Measured: a fatigue-test rig",
 }
