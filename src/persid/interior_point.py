@@ -64,7 +64,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Why the method stopped, the last iterate in coordinates z = C w, and a `log` of one line per iteration."""
+    """Why the method stopped, the last iterate in coordinates z = C w, and a `log` of one line per iterate."""
 
     status: Status
     last: "Iterate"
@@ -86,6 +86,11 @@ class Solution:
     def upper(self) -> float:
         """An upper bound of the optimal margin: m, and infinity before the dual iterate is feasible."""
         return self.last.m if self.last.is_dual_feasible else np.inf
+
+    @property
+    def steps(self) -> int:
+        """The number of steps taken."""
+        return len(self.log) - 1
 
     @cached_property
     def X(self) -> Float[ndarray, "N N"]:

@@ -30,12 +30,12 @@ RESTARTS = 2  # of runs that stalled after unknowns had joined them
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """How a search ended: the last problem and its solution; how often unknowns were priced, and all iterations."""
+    """How a search ended: the last problem and its solution; in how many rounds, and all steps."""
 
     assembly: Assembly
     solution: Solution
     rounds: int
-    iterations: int
+    steps: int
 
     @property
     def status(self) -> Status:
@@ -63,14 +63,14 @@ def search(
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
-    assembly, start, straight, restarts, iterations = whole.assembly(families), None, True, 0, 0
+    assembly, start, straight, restarts, steps = whole.assembly(families), None, True, 0, 0
     for count in range(1, ROUNDS + 1):
         left = time_limit - (time.perf_counter() - started)
         solution = solve(assembly.problem, start=start, time_limit=left, fall=FALL if count < ROUNDS else 0.0)
-        iterations += len(solution.log)
+        steps += solution.steps
         if progress is not None:
-            size, steps = len(assembly.problem.cost), len(solution.log)
-            progress(f"round {count}: {size} unknowns, {steps} iterations, {solution.status.name}")
+            size = len(assembly.problem.cost)
+            progress(f"round {count}: {size} unknowns, {solution.steps} iterations, {solution.status.name}")
         if solution.status not in (Status.INFEASIBLE, Status.ROUGH, Status.STALLED):
             break
         grown = tuple(map(join, assembly.families, whole.prices(solution.X), repeat(solution.last.m)))
@@ -83,7 +83,7 @@ def search(
         # a run that unknowns joined on its way and that stalled is made again from the beginning
         start = None if stalled else (solution, assembly.places_in(before))
         straight, restarts = stalled or (straight and settled), restarts + stalled
-    return Outcome(assembly, solution, count, iterations)
+    return Outcome(assembly, solution, count, steps)
 
 
 def catalogue(system: System, families: Sequence[Family], full_P: bool, target: Target) -> Catalogue:
