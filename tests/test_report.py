@@ -14,6 +14,7 @@ from markupsafe import escape
 import persid as ps
 from persid import folder, mathml, plots, portraits, report
 from persid.certify import Attempt, Certified, Reason, Undecided
+from persid.evidence import Evidence
 from persid.folder import Record, Results, Source
 
 VALID = Path(__file__).parent / "certificates" / "valid"
@@ -312,3 +313,20 @@ def test_browser_shows_the_page(delivered: Path) -> None:
         browser.close()
     assert messages == []
     assert len(backgrounds) == 2
+
+
+def test_evidence_stands_beside_undecided_and_is_kept(tmp_path: Path) -> None:
+    """A simulated divergence is told and drawn beside an undecided verdict, is no part of it, and is kept in files."""
+    model = ps.PersidskiiModel([[-1, 0], [0, -1]], [("x**3", None, [[1, 0], [0, 0]])], domain=[[-2, 2], [-1, 1]])
+    verdict = Undecided(Reason.STALLED, "", ATTEMPTS, None, Evidence(8, 3, (2.0, 1.0), 0.125))
+    model.save(tmp_path / folder.MODEL)
+    folder.write_verdict(tmp_path, verdict, model)
+    folder.write_record(tmp_path, Record("persid run", (), {}, None, ATTEMPTS, {}))
+    found = folder.read_results(tmp_path)
+    assert found.verdict.evidence == verdict.evidence
+    text = report.render(found)
+    assert "3 of 8 runs diverged" in text
+    assert "a simulated run that diverges (red, dashed, from the cross)" in text
+    headline = re.search(r'class="headline">([^<]*)', text)
+    assert headline
+    assert "diverge" not in headline[1]

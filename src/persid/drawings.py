@@ -22,7 +22,7 @@ from persid.model import PersidskiiModel
 from persid.trajectories import Trajectories, Trajectory
 
 RUNS, STATES, SAMPLES = 3, 8, 5000  # at most so many are drawn, and said so
-LANES, BARS, MOST_ATTEMPTS = 24, 6, 20
+LANES, BARS, MOST_ATTEMPTS, MOST_CANDIDATES = 24, 6, 20, 24
 STYLE: dict[Any, Any] = {"font.family": "sans-serif", "font.size": 10, "svg.fonttype": "none", "axes.linewidth": 0.8}
 # Colours of the figures become variables of the page, so that they suit a light and a dark screen.
 THEME = {
@@ -261,15 +261,16 @@ def _fits(fits: Sequence[Mapping[str, Any]], states: Sequence[str]) -> list[Draw
 
 def _candidates(rows: Sequence[Mapping[str, Any]]) -> list[Drawing]:
     shown = [row for row in rows if isinstance(row.get("error"), float) and np.isfinite(row["error"])]
+    shown = sorted(shown, key=lambda row: row["error"])[:MOST_CANDIDATES]
     if len(shown) < 2:
         return []
-    names = [", ".join(row["functions"]) for row in shown]
+    names = [f"{', '.join(row['functions'])}; ridge {row.get('ridge', 0):.1e}" for row in shown]
     certified = [bool(row.get("certified", row.get("feasible"))) for row in shown]
     figure, axes = side_by_side(1, 0.24 * len(shown) + 0.8, 7.6)
     plots.candidates(axes[0], names, [row["error"] for row in shown], certified)
     caption = (
-        f"Error of {len(shown)} candidate fits on samples that they had not seen; filled: with a certificate. "
-        f"The best is {names[int(np.argmin([row['error'] for row in shown]))]}."
+        f"Error of {len(shown)} of {len(rows)} candidate fits on samples that they had not seen; filled: the checker "
+        f"has accepted a proof, hollow: no proof was found, or none was made. The least error has {names[0]}."
     )
     return [Drawing("candidates", figure, caption, caption)]
 

@@ -19,6 +19,7 @@ from persid.certificate import Certificate, RoundingError, load_certificate
 from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
 from persid.diagnostics import Excitation, FitReport, Spectrum
 from persid.errors import PersidError
+from persid.evidence import Evidence
 from persid.files import write_atomically
 from persid.freerun import Score
 from persid.model import PersidskiiModel, load_model
@@ -157,6 +158,7 @@ def _obstruction(verdict: Undecided, model: PersidskiiModel) -> dict[str, Any]:
         "detail": verdict.detail,
         "model_sha256": model.sha256,
         "proof": INFEASIBLE if verdict.obstruction else None,
+        "evidence": asdict(verdict.evidence) if verdict.evidence else None,
         "attempts": [asdict(attempt) for attempt in verdict.attempts],
     }
 
@@ -210,7 +212,8 @@ def _read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt,
         raise FolderError(f"{folder}: {OBSTRUCTION} speaks of another model than {MODEL}; run persid run again")
     try:
         proof = _infeasible(folder / INFEASIBLE, model) if content["proof"] else None
-        return Undecided(Reason[content["reason"]], content["detail"], attempts, proof)
+        evidence = Evidence(**_tupled(content["evidence"])) if content.get("evidence") else None
+        return Undecided(Reason[content["reason"]], content["detail"], attempts, proof, evidence)
     except KeyError as error:
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
 
@@ -282,9 +285,13 @@ def _fit_report(content: Mapping[str, Any]) -> FitReport:
     values = {name: _tuples(part) for name, part in content.items()}
     for name, kind in (("curve", Curve), ("free_run", Score), ("one_step", Score), ("spectrum", Spectrum)):
         if content.get(name) is not None:
-            values[name] = kind(**{key: _tuples(part) for key, part in content[name].items()})
+            values[name] = kind(**_tupled(content[name]))
     values["excitation"] = tuple(Excitation(**item) for item in content["excitation"])
     return FitReport(**values)
+
+
+def _tupled(content: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _tuples(part) for name, part in content.items()}
 
 
 def _tuples(entry: Any) -> Any:

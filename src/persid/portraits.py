@@ -25,9 +25,10 @@ def of_verdict(verdict: Any, model: PersidskiiModel, runs: Sequence[FreeRun]) ->
     """Draw what a certificate claims; without one, how the model moves, with the equilibria of a witness."""
     measured = [run.measured for run in runs]
     if not isinstance(verdict, Certified):
-        return [_portrait(model, pair, measured, _equilibria(verdict)) for pair in _pairs(model.n)]
+        marks, gone = _equilibria(verdict), _escape(verdict, model)
+        return [_portrait(model, pair, measured, marks, gone) for pair in _pairs(model.n)]
     certificate = verdict.certificate
-    if "groups" not in certificate.content:  # a claim about V = sum of w |x|: no level sets to speak of
+    if not isinstance(certificate, Certificate):  # a claim about V = sum of w |x|: no level sets to speak of
         return [_portrait(model, pair, measured, certificate.operating_point[None]) for pair in _pairs(model.n)]
     levels = [_level_sets(certificate, pair, measured) for pair in _pairs(model.n)]
     return [*_bound(certificate, runs), *levels, *_sectors(certificate)]
@@ -54,14 +55,28 @@ def _equilibria(verdict: Any) -> ndarray | None:
     return np.array([[value(pair) for pair in point["x"]] for point in points]) if points else None
 
 
+def _escape(verdict: Any, model: PersidskiiModel) -> Trajectory | None:
+    """Return the run that diverges in the simulations beside an undecided verdict."""
+    evidence = getattr(verdict, "evidence", None)
+    if evidence is None or not evidence.time or model.n > MOST_STATES:
+        return None
+    return model.simulate(evidence.x0, np.linspace(0, evidence.time, STEPS))[0]
+
+
 def _portrait(
-    model: PersidskiiModel, pair: tuple[int, int], measured: Sequence[Trajectory], marks: ndarray | None
+    model: PersidskiiModel,
+    pair: tuple[int, int],
+    measured: Sequence[Trajectory],
+    marks: ndarray | None = None,
+    gone: Trajectory | None = None,
 ) -> Drawing:
     figure, axes = side_by_side(1, 4.6)
     centre = model.x_ref if marks is None else marks[0]
     box = plots.box_of(model, None, model.x_ref)
-    if marks is not None:
-        low, high = np.minimum(box[:, 0], marks.min(axis=0)), np.maximum(box[:, 1], marks.max(axis=0))
+    held = [part for part in (marks, None if gone is None else gone.x[:1]) if part is not None]
+    if held:
+        points = np.concatenate(held)
+        low, high = np.minimum(box[:, 0], points.min(axis=0)), np.maximum(box[:, 1], points.max(axis=0))
         grown = (low < box[:, 0]) | (high > box[:, 1])
         margin = np.where(grown, 0.1, 0.0) * (high - low)
         box = np.column_stack([low - margin, high + margin])
@@ -72,6 +87,11 @@ def _portrait(
         axes[0].plot(*marks[:, list(pair)].T, "o", ms=7, mew=1.6, mfc="#ffffff", color=plots.INK, zorder=4)
         where = " and ".join(f"({', '.join(number(v) for v in point[list(pair)])})" for point in marks)
         seen += [f"the proved equilibri{'a' if len(marks) > 1 else 'um'} at {where} (circles)"]
+    if gone is not None:
+        x, y = gone.x[:, list(pair)].T
+        axes[0].plot(x, y, color=plots.MODEL, lw=1.4, ls="--", zorder=3)
+        axes[0].plot(x[:1], y[:1], "X", ms=8, color=plots.MODEL, zorder=4)
+        seen += ["a simulated run that diverges (red, dashed, from the cross)"]
     text = " and ".join([", ".join(seen[:-1]), seen[-1]] if len(seen) > 1 else seen)
     return _named("phase-portrait", figure, model, pair, f"{text}{_rest(model, 'x_ref' if marks is None else 'it')}.")
 

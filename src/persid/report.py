@@ -157,7 +157,11 @@ def _cell(entry: Any) -> str:
 
 def _gains(verdict: Any, model: PersidskiiModel) -> list[tuple[str, float]]:
     """Return the gain of each input, where the certificate tells them apart."""
-    gains = getattr(verdict.certificate, "gains", None) if isinstance(verdict, Certified) else None
+    gains = (
+        verdict.certificate.gains
+        if isinstance(verdict, Certified) and verdict.certificate.claim in ("E", "R")
+        else None
+    )
     if gains is None or len(gains) < 2 or np.ptp(gains) == 0:
         return []
     return list(zip(model.inputs, [float(gain) for gain in gains], strict=True))
@@ -207,12 +211,15 @@ def _spectrum(results: Results) -> list[tuple[str, float, float, float | None]]:
     return rows
 
 
+LABELS = {"r2": "R²", "error": "error in widths of the data", "seconds": "time, s", "rmse": "RMSE"}
+
+
 def _candidates(results: Results) -> tuple[list[str], list[list[Any]]]:
     """Return the columns and rows of the table of candidate fits, whatever was recorded of them."""
     compared = results.record.comparison if results.record else None
     rows = list((compared or {}).get("candidates") or ())
     names = list(dict.fromkeys(name for row in rows for name in row))
-    return names, [[row.get(name) for name in names] for row in rows]
+    return [LABELS.get(name, name) for name in names], [[row.get(name) for name in names] for row in rows]
 
 
 def _median_step(run: Trajectory) -> float:

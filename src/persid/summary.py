@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
-from persid.certificate import Certificate
 from persid.certify import Certified, Refuted, Undecided
 from persid.model import PersidskiiModel
 
@@ -67,12 +66,17 @@ def above(number: float, digits: int = 4) -> str:
     return f"{Context(prec=digits, rounding=ROUND_CEILING).create_decimal_from_float(number).normalize():g}"
 
 
+def unsettled(verdict: Any) -> str:
+    """Return a verdict without a certificate as a sentence; the evidence beside it is no part of it."""
+    if isinstance(verdict, Undecided):
+        return f"Undecided: {verdict.reason.value} {verdict.detail}".rstrip()
+    return str(verdict)
+
+
 def headline(verdict: Any, model: PersidskiiModel) -> str:
     """Return the verdict as one sentence for a person who has never met the theory."""
-    if isinstance(verdict, Undecided):  # its evidence is no part of the verdict
-        return f"Undecided: {verdict.reason.value} {verdict.detail}".rstrip()
     if not isinstance(verdict, Certified):
-        return str(verdict)
+        return unsettled(verdict)
     if verdict.certificate.scope == "regional":
         return (
             "Certified: the model is input-to-state stable in a region around its operating point; from every start "

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from persid.equations import term_names
-from persid.summary import above, below, headline, summarize
+from persid.summary import above, below, headline, summarize, unsettled
 
 MOST_STATES, MOST_TERMS = 8, 40  # of a table of coefficients; a larger model is summed up
 LONG = 3  # names that are listed at either end of many
@@ -45,7 +45,7 @@ def of_verdict(verdict: Any) -> str:
         rows += [] if brief.rate is None else [("rate, 1/s", below(brief.rate))]
         rows += [] if brief.gain is None else [("gain", above(brief.gain))]
     else:
-        rows = [("verdict", f"{type(verdict).__name__}: {brief.reason}")]
+        rows = [("verdict", unsettled(verdict))]
     evidence = getattr(verdict, "evidence", None)
     rows += [("evidence", str(evidence))] if evidence else []
     tried = [(one.what, f"{one.outcome.replace('_', ' ')}, {one.seconds:.3g} s") for one in verdict.attempts]
