@@ -21,8 +21,9 @@ Generated from the help texts by `docs/make_command_line.py`.
 ```
 
 Results go to stdout, progress and errors to stderr. `--json` prints exactly one object on stdout. Colours are left out
-where `NO_COLOR` is set or the output is no terminal. Completion: `eval "$(_PERSID_COMPLETE=bash_source persid)"` for
-bash; `zsh_source` and `fish_source` likewise.
+where `NO_COLOR` is set or the output is no terminal. A bar of progress appears on
+stderr after two seconds of work, where a person watches (a terminal). Completion for bash: put
+`eval "$(persid completion bash)"` into `~/.bashrc`; `persid completion zsh` and `fish` likewise.
 
 | exit code | meaning |
 | --- | --- |

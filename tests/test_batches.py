@@ -30,7 +30,7 @@ def test_order_is_kept_and_failures_stand_in_their_place(tmp_path: Path, engine:
     STABLE.save(tmp_path / "stable.json")
     models = [UNSTABLE, tmp_path / "broken.json", tmp_path / "absent.json", tmp_path / "stable.json", STABLE]
     lines: list[str] = []
-    answers = ps.certify_many(models, engine=engine, jobs=2, progress=lines.append, time_limit=20)
+    answers = ps.certify_many(models, engine=engine, jobs=2, progress=lines.append, time_limit=20.0)
     assert names(answers) == ["Refuted", "Failed", "Failed", "Certified", "Certified"]
     assert "broken.json" in str(answers[1])
     assert not answers[1].is_certified
@@ -90,7 +90,7 @@ def fitted(samples: int = 2000, noise: float = 0.01, **how: Any) -> ps.Persidski
 def test_bootstrap_of_a_stable_system() -> None:
     """Refits scatter about the fit as their errors say, and nearly all are certified, with rates and gains."""
     fit = fitted()
-    found = ps.bootstrap(fit, 12, engine=None, seed=3, time_limit=20)
+    found = ps.bootstrap(fit, 12, engine=None, seed=3, time_limit=20.0)
     assert found.coefficients.shape == (12, *fit.coef_.shape)
     assert found.share > 0.8
     assert found.certified == len(found.rates) == len(found.gains)
@@ -98,7 +98,7 @@ def test_bootstrap_of_a_stable_system() -> None:
     assert 0 < low < high
     assert (np.abs(found.coefficients.mean(axis=0) - fit.coef_) <= 2 * found.deviation + 1e-12).all()
     assert "of 12 refits" in str(found)
-    again = ps.bootstrap(fit, 12, engine=None, seed=3, time_limit=0)
+    again = ps.bootstrap(fit, 12, engine=None, seed=3, time_limit=0.0)
     assert np.array_equal(again.coefficients, found.coefficients)
 
 
@@ -113,7 +113,7 @@ def test_the_spread_is_that_of_new_data() -> None:
         return ps.PersidskiiIdentifier(["x"], ridge=0.0, x_ref=0.0, scale=1.0, window=16).fit(data)
 
     repeated = np.stack([fit().coef_ for _ in range(16)]).std(axis=0)
-    drawn = np.mean([ps.bootstrap(fit(), 60, engine=None, time_limit=0).deviation for _ in range(2)], axis=0)
+    drawn = np.mean([ps.bootstrap(fit(), 60, engine=None, time_limit=0.0).deviation for _ in range(2)], axis=0)
     ratio = (drawn / repeated)[:, :3]
     assert (ratio > 0.5).all()
     assert (ratio < 2).all()

@@ -13,12 +13,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import persid as ps
 from persid import certify as _  # noqa: F401  (the module is loaded, so that the name below can be patched)
 from persid import cli, fit_commands, folder, talk
-from persid.certificate import _decimal
+from persid.certificate import plain_model
 from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
 from persid.constrained import Delivery
 
@@ -240,7 +241,7 @@ def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     """Where no certificate of the family exists, the proof of that is delivered, checked, and shown again."""
     data = (VALID / "infeasible_full.json").read_bytes()
     form = json.loads(data)["model"]
-    (here / "m.json").write_text(json.dumps(_decimal(form)))
+    (here / "m.json").write_text(json.dumps(plain_model(form)))
     obstruction = ps.Obstruction(data, ps.check(VALID / "infeasible_full.json").statement)  # type: ignore[union-attr]
     verdict = Undecided(Reason.INFEASIBLE, "", (), obstruction)
     monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
@@ -617,6 +618,139 @@ def test_shown_bounds_are_rounded_outwards(number: float, low: str, high: str) -
     assert float(below(number)) <= number <= float(above(number))
     assert float(below(number)) == pytest.approx(float(low), rel=1e-9)
     assert float(above(number)) == pytest.approx(float(high), rel=1e-3)
+
+
+@pytest.mark.parametrize("engine", ["chunks", "dask"])
+def test_identify_from_a_pattern(here: Path, engine: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files of a pattern are read chunk by chunk, and the model is that of the data in memory."""
+    (here / "many").mkdir()
+    for k in range(3):
+        pd.read_csv("data.csv").to_parquet(here / f"many/{k}.parquet")
+    words = ["--states", "x1,x2", "--inputs", "u", "--ridge", "0.01"]
+    assert cli.main(["identify", "many/*.parquet", *words, "--engine", engine, "-o", "a.json"]) == 0
+    assert "3 runs, 900 samples" in capsys.readouterr().out
+    assert cli.main(["identify", "many", *words, "-o", "b.json"]) == 0
+    one, other = ps.load_model("a.json"), ps.load_model("b.json")
+    assert np.allclose(one.A0, other.A0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--scheduler", "tcp://127.0.0.1:1"],
+        ["--engine", "chunks", "--scheduler", "tcp://127.0.0.1:1"],
+        ["--run-column", "who"],
+        ["--engine", "chunks", "--derivatives"],
+        ["--engine", "chunks", "--method", "derivative"],
+        ["--method", "guess"],
+    ],
+)
+def test_wrong_engines(here: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Engines and methods that do not go together are wrong use."""
+    assert cli.main([*IDENTIFY, *words]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+    assert not (here / "m.json").exists()
+
+
+@pytest.mark.parametrize(("method", "more"), [("derivative", []), ("edmd", []), ("weak", ["--derivatives"])])
+def test_methods(here: Path, method: str, more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """--method and --derivatives are those of the Python interface."""
+    words = [*IDENTIFY, "--functions", "x", "--ridge", "0.01", "--method", method, *more, "--json"]
+    assert cli.main(words) == 0
+    fit = ps.PersidskiiIdentifier(["x"], method=method, ridge=0.01, derivatives=len(more))
+    model = fit.fit(ps.read_csv("data.csv", states=["x1", "x2"], inputs=["u"])).model_
+    assert json.loads(capsys.readouterr().out)["sha256"] == model.sha256
+
+
+def test_explain_prints_every_attempt(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--explain prints what was tried, how it ended and the seconds, for people and for programs."""
+    assert cli.main(["certify", "model.json", "-o", "c.json", "--explain"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("attempts"))
+    assert "equilibria at the nominal input" in lines[first]
+    assert any(line.strip().startswith("in all") and line.endswith(" s") for line in lines)
+    assert cli.main(["certify", "model.json", "-o", "c.json", "--explain", "--json"]) == 0
+    assert {"what", "outcome", "seconds"} == set(json.loads(capsys.readouterr().out)["attempts"][0])
+
+
+def test_gains_of_each_input(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--gains each prints a gain for each input, those of the certificate."""
+    (here / "two.json").write_text(json.dumps(MODEL | {"inputs": ["u", "v"], "B": [[1, 0], [0, 0.1]]}))
+    assert cli.main(["certify", "two.json", "-o", "c.json", "--gains", "each", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["gains"]
+    assert found == dict(zip("uv", ps.load_certificate("c.json").gains, strict=True))
+    assert found["v"] < found["u"]
+
+
+@pytest.mark.parametrize("jobs", [[], ["--jobs", "2"]], ids=["one by one", "processes"])
+def test_one_broken_model_does_not_stop_the_others(
+    here: Path, jobs: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of several models a broken one is reported in its place; the exit code is 2 where none is refuted."""
+    (here / "broken.json").write_text("{}")
+    assert cli.main(["certify", "broken.json", "model.json", "-o", "c.json", "--json", *jobs]) == 2
+    found = json.loads(capsys.readouterr().out)["models"]
+    assert "ModelError" in found[0]["error"]
+    assert (found[1]["verdict"], found[1]["file"]) == ("certified", "model.c.json")
+    assert cli.main(["certify", "broken.json", "unstable.json", "-o", "c.json"]) == 1
+
+
+def test_an_interrupted_batch_keeps_what_is_done(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C in a batch leaves the proofs of the models that were decided, whole, and exits with 130."""
+    answers = iter([ps.certify(ps.load_model("model.json"))])
+
+    def certify(model: Any, **how: Any) -> Any:
+        return next(answers, Undecided(Reason.INTERRUPTED))
+
+    monkeypatch.setattr("persid.batches.certify", certify)
+    (here / "second.json").write_text(json.dumps(MODEL))
+    assert cli.main(["certify", "model.json", "second.json", "unstable.json", "-o", "c.json"]) == 130
+    assert "1 of 3 models were decided" in capsys.readouterr().err
+    assert isinstance(ps.check("model.c.json", "model.json"), ps.Accepted)
+    assert not (here / "second.c.json").exists()
+
+
+def test_bootstrap_command(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """persid bootstrap writes the share that is certified with the spread of rates, gains and coefficients."""
+    words = ["bootstrap", "data.csv", "--states", "x1,x2", "--inputs", "u", "--functions", "x", "--ridge", "0.01"]
+    assert cli.main([*words, "--count", "3", "--time-limit", "10", "-o", "b.json", "--json"]) == 0
+    printed, written = json.loads(capsys.readouterr().out), json.loads(Path("b.json").read_text())
+    assert printed == written | {"file": "b.json"}
+    assert (written["format"], written["refits"], len(written["terms"])) == ("persid-bootstrap-1", 3, 4)
+    assert np.shape(written["deviations"]) == np.shape(written["coefficients"]) == (2, 4)
+
+
+@pytest.mark.parametrize(("shell", "mark"), [("bash", "complete -o"), ("zsh", "#compdef persid"), ("fish", "complete")])
+def test_completion_scripts(shell: str, mark: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """persid completion prints the script of each shell."""
+    assert cli.main(["completion", shell]) == 0
+    assert mark in capsys.readouterr().out
+
+
+def test_words_are_completed() -> None:
+    """The shell gets commands and options for what has been typed, and exit code 0."""
+    asked = {"_PERSID_COMPLETE": "bash_complete", "COMP_WORDS": "persid certify --ex", "COMP_CWORD": "2"}
+    words = [sys.executable, "-m", "persid"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=_environment() | asked)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "--explain" in done.stdout
+
+
+@pytest.mark.parametrize("name", sorted(cli.persid.commands))
+def test_every_command_can_be_quiet_and_speak_json(name: str) -> None:
+    """--json, --quiet and --debug are options of every command."""
+    options = {word for parameter in cli.persid.commands[name].params for word in parameter.opts}
+    assert {"--json", "--quiet", "--debug"} <= options
+
+
+@pytest.mark.parametrize(
+    ("line", "bar"), [("3 of 4 chunks", "[###############.....] "), ("0 of 0", ""), ("working", "")]
+)
+def test_bars(line: str, bar: str) -> None:
+    """A line of progress that counts has a bar before it."""
+    assert talk.with_bar(line) == bar + line
 
 
 def test_command_line_pages_are_up_to_date() -> None:

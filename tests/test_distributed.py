@@ -188,7 +188,7 @@ def test_progress_and_sums_of_threads() -> None:
 def peak(folder: Path) -> int:
     """Return the peak of memory in bytes of looking through recordings and fitting."""
     tracemalloc.start()
-    ps.PersidskiiIdentifier(ridge=0.01, holdout=0).fit(ps.open_recordings(folder, **NAMES))
+    ps.PersidskiiIdentifier(ridge=0.01, holdout=0.0).fit(ps.open_recordings(folder, **NAMES))
     found = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return found

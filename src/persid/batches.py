@@ -76,7 +76,7 @@ def certify_many(
         for k, answer in decided:
             answers[k] = answer
             tell(f"deciding: {len(answers)} of {len(models)} models")
-            if engine is None and _was_interrupted(answer):
+            if engine is None and was_interrupted(answer):
                 break
     except KeyboardInterrupt:
         decided.close()
@@ -103,7 +103,8 @@ def _decide(model: Any, question: dict[str, Any]) -> Answer:
         return Failed(f"{type(error).__name__}: {error}")
 
 
-def _was_interrupted(answer: Answer) -> bool:
+def was_interrupted(answer: Answer) -> bool:
+    """Return whether an answer is missing because of Ctrl-C."""
     return isinstance(answer, Undecided) and answer.reason is Reason.INTERRUPTED
 
 
@@ -196,8 +197,8 @@ class Bootstrap:
 
     @property
     def deviation(self) -> Float[ndarray, "n p"]:
-        """Standard deviation of every coefficient over the refits."""
-        return self.coefficients.std(axis=0)
+        """Standard deviation of every coefficient over the refits; 0 without any."""
+        return self.coefficients.std(axis=0) if len(self.coefficients) else np.zeros(self.coefficients.shape[1:])
 
     def quantiles(self, what: str, levels: Sequence[float] = QUANTILES) -> Float[ndarray, " q"]:
         """Return quantiles of the "rates" or the "gains"; NaN where no refit has one."""
@@ -248,7 +249,7 @@ def bootstrap(
     thetas = [sparse_coefficients(_resampled(grams, draw), fit.ridge_, fit.threshold) for draw in draws]
     models = [fit.basis_.model(theta, domain=fit.model_.domain) for theta in thetas]
     answers = certify_many(models, engine=engine, jobs=jobs, scheduler=scheduler, progress=progress, **question)
-    done = [k for k, answer in enumerate(answers) if not _was_interrupted(answer)]
+    done = [k for k, answer in enumerate(answers) if not was_interrupted(answer)]
     briefs = [summarize(answer) for answer in answers if isinstance(answer, Certified)]
     rated = [(brief.rate, brief.gain) for brief in briefs if brief.rate is not None and brief.gain is not None]
     rates, gains = np.array(rated, float).reshape(-1, 2).T
@@ -277,3 +278,21 @@ def _resampled(grams: Sequence[Gram], draw: ndarray) -> Gram:
     G, H, yy = (sum(times * getattr(gram, name) for times, gram in drawn) for name in ("G", "H", "yy"))
     rows = sum(times * gram.rows for times, gram in drawn)
     return Gram(G, H, yy, rows, grams[0].basis, grams[0].structure)
+
+
+def figures(found: Bootstrap, fit: Any) -> dict[str, Any]:
+    """Return what a bootstrap found as an object for JSON; `coefficients` are those of the fit, one row a state."""
+    spread = {
+        what: dict(zip(map(str, QUANTILES), found.quantiles(what).tolist(), strict=True)) if len(values) else None
+        for what, values in (("rates", found.rates), ("gains", found.gains))
+    }
+    return {
+        "format": "persid-bootstrap-1",
+        "refits": len(found.verdicts),
+        "certified": found.certified,
+        "share": found.share,
+        **spread,
+        "terms": [str(name) for name in fit.get_feature_names_out()],
+        "coefficients": fit.coef_.tolist(),
+        "deviations": found.deviation.tolist(),
+    }

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import click
 
-from persid.fit_commands import identify, run
+from persid.fit_commands import bootstrap, identify, run
 from persid.outcomes import DONE, EXIT_CODES, explain
 from persid.proof_commands import certify, check
-from persid.result_commands import report, simulate
+from persid.result_commands import completion, report, simulate
 from persid.studies.command import study
 from persid.talk import complain
 
@@ -47,7 +47,7 @@ def persid(ctx: click.Context, version: bool) -> int:
     return DONE
 
 
-for command in (run, identify, certify, check, simulate, report, study):
+for command in (run, identify, certify, check, simulate, report, bootstrap, study, completion):
     persid.add_command(command)
 
 
@@ -58,6 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = persid.main(args=given, prog_name="persid", standalone_mode=False)
         sys.stdout.flush()
         return code if isinstance(code, int) else DONE
+    except SystemExit as error:  # so click ends when the shell asks it to complete a word
+        completing = "_PERSID_COMPLETE" in os.environ
+        return int(error.code or DONE) if completing else _failed(error, "--debug" in given, "--json" in given)
     except BaseException as error:  # the border: whatever happens becomes one of the exit codes
         return _failed(error, "--debug" in given, "--json" in given)
 

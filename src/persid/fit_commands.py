@@ -1,5 +1,6 @@
-"""The commands that measure: run and identify."""
+"""The commands that measure: run, identify and bootstrap."""
 
+import json
 import shlex
 import sys
 from collections.abc import Sequence
@@ -8,9 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from persid.options import MEASUREMENTS, NEW_FILE, NEW_FOLDER, fitting, proving, reading, talking, where
-from persid.outcomes import DONE, EXIT, question, refuse_unwritable, uninterrupted, verdict_rows
-from persid.talk import Talk
+from persid.options import (
+    MEASUREMENTS,
+    NEW_FILE,
+    NEW_FOLDER,
+    batching,
+    fitting,
+    proving,
+    reading,
+    resampling,
+    talking,
+    where,
+)
+from persid.outcomes import DONE, EXIT, INTERRUPTED, question, refuse_unwritable, uninterrupted, verdict_rows
+from persid.talk import Talk, complain
 
 if TYPE_CHECKING:
     from persid.recordings import Measurements
@@ -21,11 +33,12 @@ if TYPE_CHECKING:
 @reading
 @fitting
 @proving
+@click.option("--select", type=click.Choice(["auto"]), help="Search for functions and scales that certify.")
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
     data: tuple[Path, ...], functions: Any, ridge: Any, method: str, operating_point: Any, u_op: Any, domain: str,
-    time_limit: float, output: Path, as_json: bool, quiet: bool, **how: Any,
+    time_limit: float, select: str | None, output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -47,6 +60,9 @@ def run(
 
     talk = Talk(as_json, quiet)
     refuse_unwritable(output)
+    usual = domain == "global" and operating_point is None and u_op is None
+    if select and not usual:
+        raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
     with talk.progress() as progress:
         progress("reading the measurements")
         data = tuple(files_of(data))
@@ -55,8 +71,7 @@ def run(
         fit = _identify(measured, functions=functions, ridge=ridge, method=method)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
-        usual = domain == "global" and operating_point is None and u_op is None
-        made = deliver(fit, verdict, measured, time_limit, progress) if usual else Delivery(fit.model_, verdict)
+        made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
         verdict, facts = made.verdict, (made.verdict.attempts, folder.versions(), made.comparison)
         record = folder.Record(_command(), folder.sources(data), how, fit.report_, *facts)
         progress("drawing the report")
@@ -109,6 +124,53 @@ def identify(
     scores = {"ridge": report.ridge, "condition": _number(report.condition_scaled)} | _scores(report)
     talk.result({"model": str(output), "sha256": fit.model_.sha256, "equations": text.splitlines()} | scores, rows)
     return DONE
+
+
+@click.command()
+@MEASUREMENTS
+@reading
+@fitting
+@resampling
+@proving
+@batching
+@click.option("-o", "--output", type=NEW_FILE, required=True, help="The JSON file to write.")
+@talking
+def bootstrap(
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, count: int, seed: int, operating_point: Any,
+    u_op: Any, domain: str, time_limit: float, jobs: int, engine: str, scheduler: str | None, output: Path,
+    as_json: bool, quiet: bool, **how: Any,
+) -> int:  # fmt: skip
+    """Refit to resampled measurements: the share of refits that is certified, and the spread of rates and gains.
+
+    What is drawn are blocks of consecutive samples, or whole files where there are many. The share speaks of the
+    sampling alone, not of functions that are missing. After Ctrl-C the refits that were decided are written.
+
+    \b
+    Example:
+      persid bootstrap examples/traffic.csv --states x1,x2 --inputs u --count 50 --jobs 2 -o bootstrap.json
+    """
+    from persid import batches
+    from persid.files import write_atomically
+
+    talk = Talk(as_json, quiet)
+    refuse_unwritable(output)
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        measured = _measurements(data, "memory", None, None, progress, **how)
+        progress("identifying the model")
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method)
+        where: dict[str, Any] = {"engine": None if engine == "processes" and jobs == 1 else engine, "jobs": jobs}
+        asked = question(operating_point, u_op, domain, time_limit)
+        found = batches.bootstrap(fit, count, seed=seed, scheduler=scheduler, progress=progress, **where, **asked)
+    content = batches.figures(found, fit)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(output, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), ("refits", str(found)), ("file", str(output))]
+    talk.result({**content, "file": str(output)}, rows)
+    if len(found.verdicts) == count:
+        return DONE
+    complain(f"interrupted; {len(found.verdicts)} of {count} refits were decided and are written", INTERRUPTED, False)
+    return INTERRUPTED
 
 
 def _measurements(

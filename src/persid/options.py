@@ -69,6 +69,7 @@ def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return decorate
 
 
+SHELLS = ("bash", "zsh", "fish")
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -129,3 +130,7 @@ simulating = together(
     click.option("--t-end", type=float, help="Last time in s; with --inputs-csv, by default that of the file."),
     click.option("--dt", type=float, help="Step of the output in s; by default a thousandth of the time."),
 )  # fmt: skip
+resampling = together(
+    click.option("--count", type=click.IntRange(min=1), default=200, show_default=True, help="Number of refits."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Seed of the draws."),
+)

@@ -73,6 +73,22 @@ def question(operating_point: Any, u_op: Any, domain: str, time_limit: float) ->
     return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit}
 
 
+def attempt_rows(verdict: Any) -> list[tuple[str, str]]:
+    """Return every attempt at a verdict as an aligned table: what was tried, how it ended, the seconds."""
+    from persid import summary
+
+    cells = [*summary.attempt_rows(verdict), ("in all", "", f"{verdict.seconds:.2f} s")]
+    first, second, third = (max(len(row[k]) for row in cells) for k in range(3))
+    lines = [f"{what:<{first}}  {outcome:<{second}}  {seconds:>{third}}" for what, outcome, seconds in cells]
+    return [("attempts", "\n".join(lines))]
+
+
+def named_gains(verdict: Any) -> dict[str, float]:
+    """Return the gain of each input of a certified model with a rate."""
+    certificate = verdict.certificate
+    return dict(zip(certificate.model.inputs, certificate.gains.tolist(), strict=True))
+
+
 def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
     from persid.summary import above, below, summarize
 
@@ -82,5 +98,8 @@ def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
         bounds = []
         if brief.rate is not None and brief.gain is not None:
             bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"]
+        gains = {} if brief.gain is None else named_gains(verdict)
+        if len(set(gains.values())) > 1:
+            bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in gains.items()))
         return [("verdict", "\n".join([text, *bounds]))]
     return [("verdict", f"{brief.verdict}: {brief.reason}")]

@@ -1,25 +1,29 @@
 """The commands that prove: certify and check."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from persid.options import FILE, NEW_FILE, proving, talking
+from persid.options import FILE, NEW_FILE, batching, proving, talking
 from persid.outcomes import (
     DONE,
     EXIT,
+    INTERRUPTED,
     REFUTED,
     UNDECIDED,
     WRONG,
+    attempt_rows,
+    named_gains,
     question,
     read_model,
     refuse_unwritable,
     uninterrupted,
     verdict_rows,
 )
-from persid.talk import Talk
+from persid.talk import Talk, complain
 
 if TYPE_CHECKING:
     from persid.model import PersidskiiModel
@@ -31,40 +35,84 @@ if TYPE_CHECKING:
     "-o", "--output", type=NEW_FILE, required=True, help="The certificate to write; of several models, MODEL.NAME each."
 )
 @proving
+@click.option(
+    "--gains",
+    type=click.Choice(["joint", "each"]),
+    default="joint",
+    show_default=True,
+    help="One gain for all inputs together, or one for each input.",
+)
+@click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
+@batching
 @talking
 def certify(
     models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    as_json: bool, quiet: bool,
+    gains: str, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
     A file is written only when the checker has accepted it; a certificate of another model under that name is removed.
-    The exit code is 1 if one of several models is refuted, else 3 if one stays undecided, else 0.
+    Of several models, one that cannot be read or decided does not stop the others. The exit code is then 1 if one is
+    refuted, else 2 if one failed, else 3 if one stays undecided, else 0. After Ctrl-C the proofs of the models that
+    were decided are written.
 
     \b
     Example:
       persid certify model.json -o certificate.json
     """
-    from persid.certify import certify as decide
-    from persid.summary import summarize
-
     talk = Talk(as_json, quiet)
     targets = _targets(models, output)
-    asked = question(operating_point, u_op, domain, time_limit)
-    subjects = [read_model(path) for path in models]
+    asked = {**question(operating_point, u_op, domain, time_limit), "gains": gains}
+    subjects = [read_model(models[0])] if len(models) == 1 else list(models)
     for target in targets:
         refuse_unwritable(target)
-    found, rows, codes = [], [], []
     with talk.progress() as progress:
-        for path, model, target in zip(models, subjects, targets, strict=True):
-            verdict = uninterrupted(decide(model, progress=progress, **asked))
-            brief = summarize(verdict)
-            written = _write_proof(verdict, model, target)
-            found.append({"model": str(path), **brief.to_dict(), "file": written})
-            rows += [("model", str(path)), *verdict_rows(verdict), ("file", written or "none written")]
-            codes.append(EXIT[brief.verdict])
+        verdicts = _verdicts(subjects, asked, jobs, engine, scheduler, progress)
+    found, rows, codes = [], [], []
+    for path, verdict, target in zip(models, verdicts, targets, strict=True):
+        facts, lines, code = _told(path, verdict, target, explain)
+        found.append({"model": str(path), **facts})
+        rows += [("model", str(path)), *lines]
+        codes.append(code)
+    if INTERRUPTED in codes:
+        done = len(codes) - codes.count(INTERRUPTED)
+        complain(f"interrupted; {done} of {len(codes)} models were decided", INTERRUPTED, False)
     talk.result(found[0] if len(found) == 1 else {"models": found}, rows)
-    return next((code for code in (REFUTED, UNDECIDED) if code in codes), DONE)
+    return next((code for code in (INTERRUPTED, REFUTED, WRONG, UNDECIDED) if code in codes), DONE)
+
+
+def _verdicts(
+    subjects: list[Any], asked: dict[str, Any], jobs: int, engine: str, scheduler: str | None, progress: Any
+) -> Sequence[Any]:
+    """Decide one model here, several by a batch."""
+    if len(subjects) == 1:
+        from persid.certify import certify as decide
+
+        return [uninterrupted(decide(subjects[0], progress=progress, **asked))]
+    from persid.batches import certify_many
+
+    chosen = None if engine == "processes" and jobs == 1 else engine
+    return certify_many(subjects, engine=chosen, jobs=jobs, scheduler=scheduler, progress=progress, **asked)
+
+
+def _told(path: Path, verdict: Any, target: Path, explain: bool) -> tuple[dict[str, Any], list[tuple[str, str]], int]:
+    """Write what a verdict proves; return it for programs, for people, and as an exit code."""
+    from persid.batches import Failed, was_interrupted
+    from persid.summary import summarize
+
+    if isinstance(verdict, Failed):
+        return {"error": verdict.error}, [("error", verdict.error)], WRONG
+    brief = summarize(verdict)
+    if was_interrupted(verdict):
+        return brief.to_dict(), verdict_rows(verdict), INTERRUPTED
+    written = _write_proof(verdict, read_model(path), target)
+    facts = {**brief.to_dict(), "file": written}
+    if brief.gain is not None:
+        facts["gains"] = named_gains(verdict)
+    if explain:
+        facts["attempts"] = [asdict(attempt) for attempt in verdict.attempts]
+    rows = [*verdict_rows(verdict), *(attempt_rows(verdict) if explain else [])]
+    return facts, [*rows, ("file", written or "none written")], EXIT[brief.verdict]
 
 
 @click.command()

@@ -1,11 +1,11 @@
-"""The commands that show: simulate and report."""
+"""The commands that show: simulate, report and completion."""
 
 from pathlib import Path
 from typing import Any
 
 import click
 
-from persid.options import FILE, NEW_FILE, simulating, talking
+from persid.options import FILE, NEW_FILE, SHELLS, simulating, talking
 from persid.outcomes import DONE, read_model, refuse_unwritable, verdict_rows
 from persid.talk import Talk
 
@@ -66,4 +66,31 @@ def report(folder: Path, as_json: bool, quiet: bool) -> int:
         with delivery(folder, [REPORT, f"{FIGURES}/*.png"]) as stage:
             write_report(results, stage)
     talk.result({"report": str(folder / REPORT)}, [*verdict_rows(results.verdict), ("report", str(folder / REPORT))])
+    return DONE
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(SHELLS), metavar="|".join(SHELLS))
+@talking
+@click.pass_context
+def completion(ctx: click.Context, shell: str, as_json: bool, quiet: bool) -> int:
+    """Print the script that completes commands, options and file names in a shell.
+
+    For bash, put eval "$(persid completion bash)" into ~/.bashrc; for zsh likewise into ~/.zshrc; for fish write the
+    script to ~/.config/fish/completions/persid.fish.
+
+    \b
+    Example:
+      persid completion bash
+    """
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(shell)
+    if kind is None:
+        raise click.UsageError(f"click has no completion for {shell}")
+    script = kind(ctx.find_root().command, {}, "persid", "_PERSID_COMPLETE").source()
+    if as_json:
+        Talk(as_json).result({"shell": shell, "script": script}, [])
+    elif not quiet:
+        click.echo(script)
     return DONE
