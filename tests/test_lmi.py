@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from persid.lmi import assemble, corollary_1, reduced_theorem_1, theorem_1
+from persid.lmi import Catalogue, assemble, corollary_1, reduced_theorem_1, theorem_1
 from persid.model import PersidskiiModel
-from persid.pairs import combine
+from persid.pairs import combine, pairings
 from persid.sector import groups, pool
-from persid.system import system
+from persid.system import Family, system
 from random_problems import random_assembly, random_model
 
 
@@ -121,3 +121,33 @@ def test_multipliers_of_rows_of_either_sign_are_nonnegative() -> None:
     numbers = assembly.multipliers(np.ones(len(assembly.problem.cost)))
     assert all((mu >= 0).all() for mu in numbers.mu)
     assert (np.diag(numbers.P) >= 0).all()
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_prices_are_those_of_the_unknowns_of_a_problem(seed: int) -> None:
+    """A catalogue prices every density and product as the problem with all of them would."""
+    assembly = random_assembly(seed)
+    about, families = assembly.system, [Family.full(family.forms) for family in assembly.families]
+    catalogue = Catalogue(about, families, full_P=assembly.problem.symmetric > 0)
+    half = np.random.default_rng(seed).normal(size=(assembly.problem.order,) * 2)
+    X = half @ half.T
+    whole = catalogue.assembly(families)
+    price = dict(zip(whole.labels, pairings(whole.problem, X), strict=True))
+    for g, (products, densities) in enumerate(catalogue.prices(X)):
+        np.testing.assert_allclose(densities, [price["mu", g, k] for k in families[g].densities], rtol=1e-9)
+        np.testing.assert_allclose(
+            [products[pair] for pair in families[g].products],
+            [price["tau", g, *pair] for pair in families[g].products],
+            rtol=1e-9,
+            atol=1e-12,
+        )
+
+
+def test_smaller_problem_finds_its_unknowns_in_a_larger_one() -> None:
+    """The place of an unknown in another problem is that of the same label, -1 where it is not there."""
+    whole = random_assembly(1)
+    few = assemble(whole.system, [Family(f.forms, f.densities[:1], f.products[1:2]) for f in whole.families])
+    assert [whole.labels[j] for j in few.places_in(whole)] == few.labels
+    assert set(np.flatnonzero(whole.places_in(few) < 0)) == {
+        j for j, label in enumerate(whole.labels) if label not in few.labels
+    }
