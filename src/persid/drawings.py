@@ -210,8 +210,8 @@ def contributions(model: PersidskiiModel, x: ndarray, u: ndarray) -> Drawing:
     """Draw what each term adds to the derivative of the first states."""
     shown = min(model.n, BARS)
     names, sizes = plots.terms(model, x, u, 0)
-    bars = min(int((sizes > 0).sum()), 16)
-    figure, axes = side_by_side(shown, 0.19 * bars + 0.75)
+    bars = max(min(int((plots.terms(model, x, u, i)[1] > 0).sum()), 16) for i in range(shown))
+    figure, axes = side_by_side(shown, 0.19 * max(bars, 3) + 0.85)
     for i, ax in enumerate(axes):
         plots.contributions(ax, model, x, u, i)
     some = f"; the first {shown} of {model.n} states" if shown < model.n else ""

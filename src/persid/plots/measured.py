@@ -159,6 +159,7 @@ def fits(ax: Axes, r2: dict[str, Sequence[float]], states: Sequence[str]) -> Axe
     ax.set_yticks([-k for k in range(len(states))], [short(name) for name in states])
     ax.set_ylim(0.5 - len(states), 0.5)
     ax.set_xlim(right=1.0)
+    ax.locator_params(axis="x", nbins=4)
     ax.set_xlabel("R² of free runs")
     ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return tidy(ax)
