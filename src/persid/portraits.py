@@ -159,7 +159,9 @@ def _kick(certificate: Certificate) -> list[FreeRun]:
 def nominal_input(certificate: Certificate) -> ndarray:
     """Return the constant input u* of a certificate."""
     point = certificate.content["operating_point"]
-    return certificate.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
+    if not isinstance(point, dict):  # about x_ref, or (claim L1) about every equilibrium
+        return certificate.model.u_ref
+    return np.array([value(pair) for pair in point["u"]])
 
 
 def challengers(certificate: Certificate, run: Trajectory) -> Iterator[Trajectory]:
@@ -194,7 +196,7 @@ def _on_level(certificate: Certificate, start: ndarray, direction: ndarray) -> n
 
 def _sectors(certificate: Certificate) -> list[Drawing]:
     """Draw the functions and sector forms of the first groups."""
-    model, count = certificate.model, min(len(certificate.content["groups"]), GROUPS)
+    model, count = certificate.model, min(len(certificate.content.get("groups", [])), GROUPS)
     if not count:
         return []
     figure, axes = side_by_side(count, 2.6)
