@@ -63,7 +63,8 @@ def _levels(V: ndarray) -> ndarray:
 def largest_input(certificate: Certificate, run: Trajectory) -> float:
     """Return the largest |u - u*| of a run, about the nominal input u* of the certificate."""
     point = certificate.content["operating_point"]
-    u = certificate.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
+    stated = isinstance(point, dict)  # claim L1 speaks of x_ref, or of every equilibrium
+    u = np.array([value(pair) for pair in point["u"]]) if stated else certificate.model.u_ref
     return float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
 
 
