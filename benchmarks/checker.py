@@ -2,12 +2,14 @@
 """Time of the checker: `python benchmarks/checker.py`. Targets: size 400 in 3 s, size 1000 in 20 s.
 
 The producer here (NumPy) writes a certificate for a diagonally dominant model with three functions a state; only the
-checker is timed. Its file holds everything, so reading and proving the forms are part of the time.
+checker is timed. Its file holds everything, so reading and proving the forms are part of the time. A second table has
+the time that the prover takes for one form: all candidates of a curve, at x_ref and about another point.
 """
 
 import argparse
 import json
 import time
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -88,8 +90,27 @@ def _best_tau(model: dict[str, Any]) -> float:
     return max(room, key=lambda tau: room[tau])
 
 
+def proofs() -> None:
+    """Print the processor time of a proof that a form is a sector form, and that it is nondecreasing."""
+    from persid.sector import Curve, nondecreasing_pool, pool
+    from persid_check.prover import prove_nondecreasing, prove_sector_form
+
+    print(f"\n{'curve':28s} {'about':>6s} {'sector form':>12s} {'proved':>8s} {'nondecreasing':>14s} {'proved':>8s}")
+    for functions in (("x**3", "tanh(x)"), FUNCTIONS, ("x**3", "x*abs(x)", "arctan(x)")):
+        for shift in (None, (Fraction(3, 8), Fraction(1, 2**40))):
+            curve = Curve(functions, (Fraction(1),) * len(functions), None, shift)
+            line = f"{', '.join(functions):28s} {'0' if shift is None else '3/8':>6s}"
+            for prove, forms in ((prove_sector_form, pool(curve)), (prove_nondecreasing, nondecreasing_pool(curve))):
+                exact = [tuple(map(Fraction, form)) for form in forms]
+                start = time.process_time()
+                proved = sum(prove(curve.exact, form, None, shift) for form in exact)
+                busy = (time.process_time() - start) / len(exact)
+                line += f" {1e3 * busy:9.1f} ms {proved:5d}/{len(exact)}"
+            print(line, flush=True)
+
+
 def main() -> None:
-    """Print one line a size."""
+    """Print one line a size, and one a curve."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", default="10,50,100,250", help="numbers of states")
     for n in (int(text) for text in parser.parse_args().sizes.split(",")):
@@ -101,6 +122,7 @@ def main() -> None:
         target = f"target {TARGETS[n]:.0f} s" if n in TARGETS else ""
         size = f"size {4 * n + 1:5d}  {len(data) / 2**20:6.1f} MiB"
         print(f"n = {n:4d}  {size}  {seconds:6.2f} s (processor {busy:.2f})  {outcome}  {target}")
+    proofs()
 
 
 if __name__ == "__main__":
