@@ -118,7 +118,6 @@ def pendulum(folder: Path) -> None:
     """Print the rotary pendulum, velocities estimated: two experiments to fit, the third to score."""
     files = sorted((folder / "qube").glob("*.csv"))
     data = read_csv(files, states=["theta", "alpha"], inputs=["target_theta", "target_alpha", "feedforward"])
-    # With sinh the free model blows up so stiffly that its free run takes minutes to end.
     compare("pendulum", data[:2], data[2:], ["x", "x**3", "tanh(x)"], derivatives=1)
 
 
