@@ -32,6 +32,7 @@ SHOWN = {
 }  # not run here: outputs, files, and the examples, which test_examples runs
 ELSEWHERE = ("python3 -m venv", ".venv/bin/pip", ".venv/bin/pytest")  # what .ci/run does in a fresh environment
 README = ROOT / "README.md"
+SHORT = ("1_000_000", "1_000")  # a network of a million states is tested with a thousand
 DELIVERED: dict[tuple[str, ...], tuple[Path, str]] = {}  # what `persid run` left and printed, by its arguments
 
 
@@ -65,7 +66,7 @@ def run(block: Block, names: dict[str, object], page: Path) -> str:
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), mpl.rc_context({"backend": "agg"}):
         if block.language == "python":
-            exec(compile("\n" * block.line + block.text, str(page), "exec"), names)
+            exec(compile("\n" * block.line + block.text.replace(*SHORT), str(page), "exec"), names)
         else:
             for command in re.sub(r"\\\n", " ", block.text).splitlines():
                 for part in command.split(" && "):
