@@ -16,11 +16,12 @@ Exponents are those of the least-squares line through the logarithms of the uppe
 
 import argparse
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from children import keep, measured
+from children import keep
 from numpy import ndarray
 from scipy import sparse
 
@@ -77,9 +78,11 @@ def fit(size: dict[str, int], read: float) -> dict[str, Any]:
     """Measure one fit beside its floors."""
     runs, functions = data(size), list(FUNCTIONS[: size["functions"]])
     identifier = PersidskiiIdentifier(functions, holdout=0.0, ridge=1e-6)
-    _, first, memory = measured(lambda: identifier.fit(runs))
-    repeats = REPEATS if first < 5 else 0
-    seconds = min(first, fastest(lambda: identifier.fit(runs), repeats)) if repeats else first
+    seconds = fastest(lambda: identifier.fit(runs))
+    tracemalloc.start()  # in a run of its own: it slows what it watches
+    identifier.fit(runs)
+    memory = tracemalloc.get_traced_memory()[1] / 1e6
+    tracemalloc.stop()
     columns = make_basis(runs, functions).size
     bytes_ = runs[0].x.nbytes + runs[0].u.nbytes
     floors = {"gram_floor": 2 * size["samples"] * columns**2 / gram_rate(columns), "read_floor": bytes_ / read}
@@ -132,8 +135,7 @@ def main() -> None:
         part = [r for r in found if r["varied"] == name]
         size = np.array([r["size"] for r in part], float)
         growth = {"varied": name, "time": exponent(size, np.array([r["seconds"] for r in part]))}
-        memory = np.array([r["memory_MB"] or 0 for r in part])
-        growth["memory"] = exponent(size, memory) if (memory > 0).all() else None
+        growth["memory"] = exponent(size, np.array([r["memory_MB"] for r in part]))
         exponents.append(growth)
         print(growth)
     keep("growth", base=BASE, exponents=exponents, rows=found)

@@ -302,7 +302,7 @@ def _integrated(tool: Any, start: Any, t: Any, forces: Any, held: bool, cap: flo
                 rate, (t[a], t[b]), states[-1][-1], "LSODA", t[a : b + 1], events=escaped, rtol=1e-7, atol=1e-9
             )
         states.append(span.y.T[1:])
-        if span.status != 0:
+        if span.status != 0 or not np.isfinite(span.y).all():
             break
     return np.concatenate(states)
 

@@ -45,14 +45,17 @@ def growth(content: dict[str, Any]) -> Figure:
         for key, (label, colour, style) in lines.items():
             if key in rows[0]:
                 axes[0, k].loglog(size, [row[key] for row in rows], style, color=colour, label=label, markersize=4)
-        memory = np.array([row["memory_MB"] or np.nan for row in rows])
-        axes[1, k].loglog(size, np.where(memory > 0, memory, np.nan), "o-", color=BLUE, markersize=4)
+        axes[1, k].loglog(size, [row["memory_MB"] for row in rows], "o-", color=BLUE, markersize=4)
+        axes[1, k].set_ylim(0.5, 500)
+        axes[0, k].set_ylim(1e-5, 10)
         axes[0, k].set_title(f"{name}: time ∝ size$^{{{orders[name]:.2f}}}$")
         axes[1, k].set_xlabel("states of the ring" if name == "sparse product" else name)
     axes[0, 0].set_ylabel("processor time, s")
     axes[1, 0].set_ylabel("new memory, MB")
-    for k in (0, -1):
-        axes[0, k].legend(fontsize=7)
+    handles = {
+        label: line for k in (0, -1) for line, label in zip(*axes[0, k].get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5)
     return figure
 
 
