@@ -170,7 +170,14 @@ def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results)
     assert certified.record is not None
     record = replace(certified.record, comparison={"fits": fits, "price": 2.0, "candidates": rows})
     text = report.render(replace(certified, record=record))
-    words = ("2 times the free one", "x, tanh(2*x)", "new figure", "0.125", "infinite", "Values below 0 are drawn at 0")
+    words = (
+        "2 times the free one",
+        "x, tanh(2*x)",
+        "new figure",
+        "0.125",
+        "2 of 3 candidate fits",
+        "Values below 0 are drawn at 0",
+    )
     assert [word for word in words if word not in text] == []
     assert {"fits", "candidates"} <= set(re.findall(r'id="(\w+)-figure_1"', text))
 

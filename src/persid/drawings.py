@@ -239,32 +239,30 @@ def correlations(model: PersidskiiModel, x: ndarray, u: ndarray) -> list[Drawing
     return [Drawing("correlations", figure, f"Matrix of disks for {', '.join(names)}. {caption}", caption)]
 
 
-def comparison(record: Mapping[str, Any] | None, states: Sequence[str]) -> list[Drawing]:
-    """Draw the free fit beside the one under the certificate, and the candidates among which was chosen."""
-    if not record:
-        return []
-    fits = [fit for fit in record["fits"] if all(np.isfinite(fit["r2"]))]
-    return [*_fits(fits, states), *_candidates(record.get("candidates") or ())]
-
-
-def _fits(fits: Sequence[Mapping[str, Any]], states: Sequence[str]) -> list[Drawing]:
-    if len(fits) < 2:
+def fits(record: Mapping[str, Any] | None, states: Sequence[str]) -> list[Drawing]:
+    """Draw the free fit beside the one under the certificate, where there are both."""
+    found = [fit for fit in (record or {}).get("fits", ()) if all(np.isfinite(fit["r2"]))]
+    if len(found) < 2:
         return []
     shown = states[: 2 * STATES]
     figure, axes = side_by_side(1, 0.3 * len(shown) + 1.0)
-    plots.fits(axes[0], {fit["name"]: fit["r2"] for fit in fits}, shown)
-    words = "; ".join(f"{fit['name']}: {', '.join(number(r, 3) for r in fit['r2'][: len(shown)])}" for fit in fits)
-    below = " Values below 0 are drawn at 0." if min(min(fit["r2"]) for fit in fits) < 0 else ""
+    plots.fits(axes[0], {fit["name"]: fit["r2"] for fit in found}, shown)
+    words = "; ".join(f"{fit['name']}: {', '.join(number(r, 3) for r in fit['r2'][: len(shown)])}" for fit in found)
+    below = " Values below 0 are drawn at 0." if min(min(fit["r2"]) for fit in found) < 0 else ""
     caption = f"R² of the free runs of each state, free fit and fit under the certificate.{below}"
     return [Drawing("fits", figure, f"{caption} {words}.", caption)]
 
 
-def _candidates(rows: Sequence[Mapping[str, Any]]) -> list[Drawing]:
+def candidates(record: Mapping[str, Any] | None) -> list[Drawing]:
+    """Draw the candidates among which a search has chosen."""
+    rows = (record or {}).get("candidates") or ()
     shown = [row for row in rows if isinstance(row.get("error"), float) and np.isfinite(row["error"])]
     shown = sorted(shown, key=lambda row: row["error"])[:MOST_CANDIDATES]
     if len(shown) < 2:
         return []
-    names = [f"{', '.join(row['functions'])}; ridge {row.get('ridge', 0):.1e}" for row in shown]
+    names = [", ".join(row["functions"]) for row in shown]
+    if len(set(names)) < len(names):
+        names = [f"{name}; ridge {row.get('ridge', 0):.1e}" for name, row in zip(names, shown, strict=True)]
     certified = [bool(row.get("certified", row.get("feasible"))) for row in shown]
     figure, axes = side_by_side(1, 0.24 * len(shown) + 0.8, 7.6)
     plots.candidates(axes[0], names, [row["error"] for row in shown], certified)

@@ -69,7 +69,8 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
         "spectrum": drawings.spectrum(fit) if fit else [],
         "contributions": [drawings.contributions(model, x, u)] if data else [],
         "correlations": drawings.correlations(model, x, u) if data else [],
-        "comparison": drawings.comparison(compared, model.states),
+        "fits": drawings.fits(compared, model.states),
+        "candidates": drawings.candidates(compared),
         "proof": portraits.of_verdict(results.verdict, model, runs),
         "attempts": drawings.attempts(results.verdict),
     }
@@ -152,7 +153,9 @@ def _cell(entry: Any) -> str:
         return ", ".join(_cell(part) for part in entry)
     if isinstance(entry, bool):
         return "yes" if entry else "no"
-    return _number(entry, 3) if entry is None or isinstance(entry, int | float) else str(entry)
+    if entry is None or (isinstance(entry, float) and not math.isfinite(entry)):
+        return "–"
+    return _number(entry, 3) if isinstance(entry, int | float) else str(entry)
 
 
 def _gains(verdict: Any, model: PersidskiiModel) -> list[tuple[str, float]]:
@@ -211,7 +214,7 @@ def _spectrum(results: Results) -> list[tuple[str, float, float, float | None]]:
     return rows
 
 
-LABELS = {"r2": "R²", "error": "error in widths of the data", "seconds": "time, s", "rmse": "RMSE"}
+LABELS = {"r2": "R²", "seconds": "time, s", "rmse": "RMSE"}
 
 
 def _candidates(results: Results) -> tuple[list[str], list[list[Any]]]:

@@ -176,6 +176,7 @@ def candidates(ax: Axes, names: Sequence[str], errors: Sequence[float | None], c
     ax.set_yticks([-k for k in range(len(keep))], [short(name, 48) for _, name, _ in keep])
     ax.set_ylim(0.6 - max(len(keep), 1), 0.6)
     ax.set_xlim(left=0)
+    ax.locator_params(axis="x", nbins=6)
     ax.set_xlabel("error on samples that the fit had not seen")
     return tidy(ax)
 
