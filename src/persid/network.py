@@ -28,7 +28,7 @@ from persid_check.results import NotProvedError
 from persid_check.table import Table
 
 GENERATORS = 96  # of a cone, in networks of up to SMALL coefficients
-FEW_GENERATORS = 24  # in larger ones
+FEW_GENERATORS = 16  # in larger ones
 CANDIDATES = 20  # forms that are tried, the most different ones first
 SMALL = 200_000
 SWEEPS = 400  # of value iteration, at most
@@ -36,7 +36,7 @@ INNER = 10  # cheap steps with the worst generators kept, between two sweeps
 MARGIN = 0.5  # a step adds at most 1 - MARGIN: how strictly w > Phi(w) is asked for
 RATE_SHARE = 0.9  # of the best rate found; the rest is margin
 BISECTIONS = 12
-FAST = 2_000_000  # generators times entries above which the best rate is sought in fewer steps
+FAST = 2_000_000  # generators times entries above which the best rate is sought in two steps
 PART = 4000  # nodes of a large network among which a Perron vector is sought
 HUGE = 1e14  # weights that spread more than this mean that there are none
 
@@ -164,7 +164,7 @@ def find_weights(net: Network) -> Weights | Perron | None:
     high = min(float(np.min(-d[v0 > 0] / v0[v0 > 0], initial=np.inf)) for d, v0 in zip(net.d, net.v0, strict=True))
     if not np.isfinite(high):  # no generator has a y-part: nothing decays in proportion to |x|
         return None
-    steps = BISECTIONS if len(net.N) * net.N[0].nnz <= FAST else 3
+    steps = BISECTIONS if len(net.N) * net.N[0].nnz <= FAST else 2
     for _ in range(steps):
         middle = (low + high) / 2
         found = _solve(net, middle)
