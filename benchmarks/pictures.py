@@ -133,24 +133,23 @@ def peers_accuracy(content: dict[str, Any]) -> Figure:
     return figure
 
 
+def _cell(row: dict[str, Any], place: str) -> tuple[float, str]:
+    """Return the logarithm of an error (NaN: none) and the words for it."""
+    if row["answer"] != "done":
+        return np.nan, row["answer"]
+    if not row[f"{place}_runs"]:
+        return np.nan, "—"
+    error, lost = row[f"{place}_error"], row[f"{place}_blow_ups"]
+    words = [*([] if error is None else [f"{error:.2g}"]), *([f"{lost} blew up"] if lost else [])]
+    return np.nan if error is None else np.log10(error), "\n".join(words)
+
+
 def _shades(axes: Axes, tools: list[str], systems: list[str], found: dict[tuple[str, str], Any], place: str) -> None:
     values = np.full((len(tools), len(systems)), np.nan)
     for i, tool in enumerate(tools):
         for k, system in enumerate(systems):
-            row = found.get((tool, system), {"answer": "not run"})
-            text, error = row["answer"], row.get(f"{place}_error")
-            if row["answer"] == "done" and row[f"{place}_runs"]:
-                lost = row[f"{place}_blow_ups"]
-                text = ("" if error is None else f"{error:.2g}") + (f"\n{lost} blew up" if lost else "")
-                values[i, k] = np.nan if error is None else np.log10(error)
-            axes.text(
-                k,
-                i,
-                text if row["answer"] != "done" or row[f"{place}_runs"] else "—",
-                ha="center",
-                va="center",
-                fontsize=8,
-            )
+            values[i, k], text = _cell(found.get((tool, system), {"answer": "not asked"}), place)
+            axes.text(k, i, text, ha="center", va="center", fontsize=8)
     axes.imshow(values, cmap="RdYlGn_r", vmin=-3, vmax=1, aspect="auto", alpha=0.6)
     axes.set_xticks(range(len(systems)), systems)
     axes.set_yticks(range(len(tools)), tools)
