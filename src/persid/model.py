@@ -298,9 +298,9 @@ class PersidskiiModel:
         missing = {"states", "B", "terms"} - set(data)
         if missing:
             raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
-        _check_kinds(data)
         if persid_check.sparse.is_sparse(data):
             return cls(**columns.load(data, folder))
+        _check_kinds(data)
         values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
         n, m = len(data["states"]), len(data.get("inputs") or [])
         values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
