@@ -263,14 +263,14 @@ def test_what_is_certified_is_accepted_and_decreases(tmp_path_factory: pytest.Te
 @given(PLANAR)
 def test_no_model_is_both(without_rates: None, drawn: Any) -> None:
     """A model with a witness is never certified, and one that is certified has no witness."""
-    from persid.certify import _global, _Log
+    from persid.certify import _Asked, _global, _Log
     from persid.witness import find_witness
 
     model = planar(drawn)
     points = ps.find_operating_point(model)
     witness = find_witness(model, model.u_ref, points)
     log = _Log(time.perf_counter() + 6, lambda line: None)
-    found = _global(model, points, model.u_ref, log)
+    found = _global(_Asked(model, None, model.u_ref, None, each=False), points, log)
     assert isinstance(found, ps.Refuted) == (witness is not None)
     if witness is not None:  # and if no witness had been looked for
         assert not _without_witness(model, points[:1], log)
