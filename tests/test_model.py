@@ -1,8 +1,12 @@
 """PersidskiiModel: its right side, Jacobian, file and simulation."""
 
+import copy
 import json
 import pickle
 import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -157,3 +161,33 @@ def test_wrong_inputs_are_named():
         SMALL.simulate([1.0, 3.0], T, np.zeros((3, 1)))
     with pytest.raises(ModelError, match="increasing"):
         SMALL.simulate([1.0, 3.0], T[::-1], None)
+
+
+JUNK = (None, True, 1.5, "", "x", [], {}, ["x"], [[]], [[1, 2], [3]], [[1, 2], [3, "a"]], {"shape": [2, 2]}, 10**400)
+
+
+def _places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    yield path
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, entry in entries:
+        yield from _places(entry, (*path, key))
+
+
+def test_a_malformed_file_is_a_model_error(tmp_path: Path) -> None:
+    """Whatever stands at any place of model.json, it is read or refused as a ModelError."""
+    model = PersidskiiModel(-np.eye(2), [(["x**3"], [[1.0, -1.0]], [[-0.5], [0.5]])], [[1.0], [1.0]]).to_dict()
+    path, refused = tmp_path / "model.json", 0
+    for place in _places(model):
+        for junk in JUNK:
+            content = copy.deepcopy(model)
+            target: Any = content
+            for key in place[:-1]:
+                target = target[key]
+            if place:
+                target[place[-1]] = junk
+            path.write_text(json.dumps(content if place else junk))
+            try:
+                load_model(path)
+            except ModelError:
+                refused += 1
+    assert refused > 300

@@ -343,7 +343,8 @@ def load_model(path: str | Path) -> PersidskiiModel:
 def _check_kinds(data: Mapping[str, Any]) -> None:
     """Refuse names that are no list of texts, terms that are no objects, and functions that are no texts."""
     for name in ("states", "inputs"):
-        if not (_are_texts(data.get(name) or []) and (name == "inputs" or data[name])):
+        given = data.get(name)
+        if not (_are_texts(given) or (given is None and name == "inputs")):
             raise ModelError(f"{name} is {str(data.get(name))[:60]}; needed is a list of names")
     if not isinstance(data["terms"], list | tuple):
         raise ModelError("terms is no list of objects with f, R and A")
@@ -352,7 +353,7 @@ def _check_kinds(data: Mapping[str, Any]) -> None:
             raise ModelError(f"terms[{i}] is no object with f, R and A")
         if not (isinstance(term["f"], str) or _are_texts(term["f"])):
             raise ModelError(f"terms[{i}].f is no expression, and no list of them")
-    if not isinstance(data.get("provenance") or {}, Mapping):
+    if not isinstance(data.get("provenance"), Mapping | None):
         raise ModelError("provenance is no object")
 
 
