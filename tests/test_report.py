@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from markupsafe import escape
+from scipy.sparse import csc_array
 
 import persid as ps
 from persid import folder, mathml, plots, portraits, report
@@ -337,3 +338,14 @@ def test_evidence_stands_beside_undecided_and_is_kept(tmp_path: Path) -> None:
     headline = re.search(r'class="headline">([^<]*)', text)
     assert headline
     assert "diverge" not in headline[1]
+
+
+def test_sparse_models_have_a_page() -> None:
+    """A small network with sparse matrices and a claim about a weighted sum has a page with its own hash."""
+    eye = csc_array(np.eye(3))
+    model = ps.PersidskiiModel(-2 * eye, [("tanh(x)", None, -1 * eye)], csc_array(np.ones((3, 1))))
+    verdict = ps.certify(model)
+    text = report.render(Results(model, verdict, measured(model.dense()), None))
+    assert verdict.is_certified
+    assert "claim L1" in text
+    assert model.sha256 in text

@@ -16,7 +16,9 @@ def equations(model: PersidskiiModel, form: str = "text", digits: int = 4) -> An
 
     Raises:
         DataError: an unknown form.
+        ModelError: a sparse model is too large to be written out.
     """
+    model = model.dense()
     if form == "sympy":
         return _sympy(model)
     if form not in ("text", "latex"):

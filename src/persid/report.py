@@ -39,7 +39,11 @@ class Equations:
 
 
 def write_report(results: Results, folder: Path) -> None:
-    """Write report.html and figures/*.png into an existing folder."""
+    """Write report.html and figures/*.png into an existing folder.
+
+    Raises:
+        ModelError: a sparse model is too large for a page.
+    """
     (folder / FIGURES).mkdir(exist_ok=True)
     with drawings.style():
         runs = drawings.free_runs(results.model, results.data)
@@ -50,14 +54,14 @@ def write_report(results: Results, folder: Path) -> None:
 
 
 def render(results: Results) -> str:
-    """Return the page as text, figures inside; it loads nothing from anywhere."""
+    """Return the page as text, figures inside; it loads nothing from anywhere. Raises as `write_report` does."""
     with drawings.style():
         runs = drawings.free_runs(results.model, results.data)
         return _page(results, runs, _drawings(results, runs))
 
 
 def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawing]]:
-    model, data = results.model, results.data
+    model, data = results.model.dense(), results.data
     fit = results.record.fit if results.record else None
     compared = results.record.comparison if results.record else None
     x, u = _samples(data) if data else (np.zeros((0, model.n)), np.zeros((0, model.m)))
@@ -85,10 +89,11 @@ def _samples(data: Trajectories) -> tuple[ndarray, ndarray]:
 
 def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Drawing]]) -> str:
     template = _environment().get_template("report.html.jinja")
-    model, verdict = results.model, results.verdict
+    model, verdict = results.model.dense(), results.verdict
     proof, claim, name = _proven(verdict)
     return template.render(
         model=model,
+        model_sha256=results.model.sha256,
         verdict=verdict,
         brief=summarize(verdict),
         headline=headline(verdict, model),

@@ -20,6 +20,7 @@ def of_model(model: Any) -> str:
         functions = dict.fromkeys(f.text for term in model.terms for f in term.f)
         parts = [("states", model.states), ("inputs", model.inputs), ("functions", [*functions])]
         return table(caption, (), [(name, _list(part)) for name, part in parts])
+    model = model.dense()
     channels = model.channels
     columns = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]]).T
     pairs = zip(term_names(model), columns.tolist(), strict=True)
@@ -30,8 +31,8 @@ def of_model(model: Any) -> str:
 def of_certificate(certificate: Any) -> str:
     """Return what a certificate claims, in figures and in the checker's words."""
     rows = [("claim", certificate.claim), ("scope", certificate.scope)]
-    point = certificate.operating_point
-    rows += [("operating point", ", ".join(f"{x:.5g}" for x in point))] if len(point) <= MOST_STATES else []
+    if certificate.model.n <= MOST_STATES:
+        rows.append(("operating point", ", ".join(f"{x:.5g}" for x in certificate.operating_point)))
     rows += [] if certificate.rate is None else [("rate, 1/s", below(certificate.rate))]
     rows += [] if certificate.gain is None else [("gain", above(certificate.gain))]
     return table("Certificate", (), [*rows, ("statement", certificate.statement)])

@@ -108,6 +108,7 @@ def terms(
     model: PersidskiiModel, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"], state: int
 ) -> tuple[list[str], Float[ndarray, " k"]]:
     """Return the names of the terms of one equation, and the root mean square of each over samples."""
+    model = model.dense()
     channels = model.channels
     weights = np.concatenate([channels.A0[state], channels.columns[state], model.B[state], model.b[[state]]])
     return term_names(model), np.abs(weights) * np.sqrt((_columns(model, x, u) ** 2).mean(axis=0))
@@ -115,7 +116,7 @@ def terms(
 
 def _columns(model: PersidskiiModel, x: ndarray, u: ndarray) -> ndarray:
     """The values of states, channels, inputs and the constant at samples, without their coefficients."""
-    dx = x - model.x_ref
+    model, dx = model.dense(), x - model.x_ref
     with np.errstate(all="ignore"):
         pairs = zip(model.channels.functions, model.channels.rows, strict=True)
         return np.column_stack([dx, *(f.value(dx @ row) for f, row in pairs), u - model.u_ref, np.ones(len(x))])

@@ -13,7 +13,8 @@ from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL,
 from persid.trajectories import Trajectory
 from persid_check import groups
 
-GRID = 81  # points a side on which V is evaluated
+GRID, FINE_GRID = 81, 141  # points a side on which V is evaluated; the finer one up to so many states:
+FINE_STATES = 6
 MOST_LEVELS = 16
 BOUND_POINTS = 80
 
@@ -30,7 +31,7 @@ def level_sets(
     region = certificate.content if certificate.claim == "R" else {}
     box = _frame(certificate, states) if box is None and region else box_of(model, box, point)
     phase_portrait(ax, model, box, states, runs, point)
-    X, Y, points = mesh(box, states, GRID, point)
+    X, Y, points = mesh(box, states, FINE_GRID if model.n <= FINE_STATES else GRID, point)
     with np.errstate(all="ignore"):
         V = np.nan_to_num(certificate.V(points), nan=0.0, posinf=1e300).reshape(X.shape)
     ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=0.8 if region else 1.1, zorder=2)
