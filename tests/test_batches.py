@@ -90,20 +90,21 @@ def fitted(samples: int = 2000, noise: float = 0.01, **how: Any) -> ps.Persidski
 def test_bootstrap_of_a_stable_system() -> None:
     """Refits scatter about the fit as their errors say, and nearly all are certified, with rates and gains."""
     fit = fitted()
-    found = ps.bootstrap(fit, 12, engine=None, seed=3, time_limit=20.0)
-    assert found.coefficients.shape == (12, *fit.coef_.shape)
+    found = ps.bootstrap(fit, 6, engine=None, seed=3, time_limit=20.0)
+    assert found.coefficients.shape == (6, *fit.coef_.shape)
     assert found.share > 0.8
     assert found.certified == len(found.rates) == len(found.gains)
     low, high = found.quantiles("rates", [0.0, 1.0])
     assert 0 < low < high
     assert (np.abs(found.coefficients.mean(axis=0) - fit.coef_) <= 2 * found.deviation + 1e-12).all()
-    assert "of 12 refits" in str(found)
-    again = ps.bootstrap(fit, 12, engine=None, seed=3, time_limit=0.0)
+    assert "of 6 refits" in str(found)
+    again = ps.bootstrap(fit, 6, engine=None, seed=3, time_limit=0.0)
     assert np.array_equal(again.coefficients, found.coefficients)
 
 
-def test_the_spread_is_that_of_new_data() -> None:
+def test_the_spread_is_that_of_new_data(monkeypatch: pytest.MonkeyPatch) -> None:
     """The standard deviations of coefficients agree, to a factor of two, with those over repeated experiments."""
+    monkeypatch.setattr(batches, "certify_many", lambda models, **how: (batches.Failed("not asked"),) * len(models))
     rng = np.random.default_rng(0)
 
     def fit() -> ps.PersidskiiIdentifier:
@@ -113,7 +114,7 @@ def test_the_spread_is_that_of_new_data() -> None:
         return ps.PersidskiiIdentifier(["x"], ridge=0.0, x_ref=0.0, scale=1.0, window=16).fit(data)
 
     repeated = np.stack([fit().coef_ for _ in range(16)]).std(axis=0)
-    drawn = np.mean([ps.bootstrap(fit(), 60, engine=None, time_limit=0.0).deviation for _ in range(2)], axis=0)
+    drawn = np.mean([ps.bootstrap(fit(), 60, engine=None).deviation for _ in range(2)], axis=0)
     ratio = (drawn / repeated)[:, :3]
     assert (ratio > 0.5).all()
     assert (ratio < 2).all()
