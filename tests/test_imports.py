@@ -21,7 +21,7 @@ drift
 readers integrate algebra moments distributed
 chunks
 recordings
-surveys
+surveys samples
 labelled compiled columns
 model
 equations mathml basis sindy

@@ -19,7 +19,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from persid.errors import DataError
 from persid.freerun import REACH, Score, box, free_run_score
-from persid.identify import as_trajectories
+from persid.samples import as_trajectories
 from persid.trajectories import Trajectories, Trajectory
 
 LAGS = 2

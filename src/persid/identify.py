@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_array, check_is_fitted
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils.validation import check_is_fitted
 
 from persid import diagnostics, fitting, freerun
 from persid.basis import Basis, Functions, make_basis
 from persid.derivatives import embed, local_polynomial
 from persid.diagnostics import FitReport
 from persid.equations import equations
-from persid.errors import DataError, UnderdeterminedError
+from persid.errors import DataError, PersidError, UnderdeterminedError
 from persid.fitting import Problem, Regression, Solution
 from persid.gram import Gram, refuse_underdetermined
 from persid.koopman import make_lifting, sample_step
@@ -30,9 +30,10 @@ from persid.recordings import (
     moments,
     segments,
 )
+from persid.samples import as_trajectories
 from persid.structure import make_structure
 from persid.surveys import recordings_of
-from persid.trajectories import Trajectories, Trajectory
+from persid.trajectories import Trajectories
 from persid.validation import FOLDS, blocks, by_fold, partition, tail, total, validation_curve
 from persid.weak import choose_window
 
@@ -142,7 +143,8 @@ class PersidskiiIdentifier(BaseEstimator):
         self.blocks_ = tuple(solution.blocks.values())
         self.ridge_ = solution.ridge
         self.coef_ = solution.theta.T
-        self.report_ = self._report(problem, solution, window, (*data.notes, *notes))
+        report = self._report(problem, solution, window, (*data.notes, *notes))
+        self.report_ = replace(report, warnings=(*report.warnings, *self._advice(report, measured)))
         self.model_ = problem.basis.model(
             solution.theta, domain=_box(data), provenance=_provenance(self, measured, self.report_)
         )
@@ -259,6 +261,30 @@ class PersidskiiIdentifier(BaseEstimator):
             spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
         )
 
+    def _advice(self, report: FitReport, measured: Measurements) -> tuple[str, ...]:
+        """Where free runs of the weak form foretell less than the mean, say whether EDMD does better on the same tail.
+
+        What settles within a sample looks like noise to integrals over windows; a map from sample to sample sees it.
+        """
+        mine = report.free_run
+        if self.method != "weak" or mine is None or mine.r2_mean >= 0 or isinstance(measured, Recordings):
+            return ()
+        tried = []
+        for functions in (self.functions, ["x"]):
+            try:
+                other = clone(self).set_params(method="edmd", functions=functions).fit(measured).report_.free_run
+            except (PersidError, ValueError):  # no logarithm, uneven times, an option that EDMD has not
+                continue
+            if other is not None and not other.blow_ups and other.r2_mean > 0:
+                tried.append((other.r2_mean, functions))
+        if not tried:
+            return ()
+        score, functions = max(tried, key=lambda pair: pair[0])
+        return (
+            f'on the same tail method="edmd" with functions={list(functions)!r} has R2 {score:.2f}; try it: what '
+            "settles within a sample escapes the weak form",
+        )
+
     def _remember(self, measured: Measurements, X: Any) -> None:
         self.n_features_in_ = self.n_states_in_ = len(measured.states)
         self.n_inputs_in_ = len(measured.inputs)
@@ -305,57 +331,6 @@ class PersidskiiIdentifier(BaseEstimator):
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
-
-
-def as_trajectories(
-    X: Any, u: Any = None, t: Any = None, dt: float | int | None = None
-) -> tuple[Trajectories, tuple[str, ...]]:
-    """Return data in any accepted form as Trajectories, with notes on what had to be assumed.
-
-    Raises:
-        DataError: (or scikit-learn's ValueError for a single array) the data cannot be used.
-    """
-    if isinstance(X, Trajectory):
-        X = [X]
-    if isinstance(X, Trajectories) or (isinstance(X, list | tuple) and X and isinstance(X[0], Trajectory)):
-        if u is not None or t is not None or dt is not None:
-            raise DataError("trajectories hold their own inputs and times; u, t and dt go with arrays and tables")
-        return (X if isinstance(X, Trajectories) else _from_runs(X)), ()
-    notes: tuple[str, ...] = ()
-    frames = X if isinstance(X, list | tuple) else [X]
-    if frames and all(hasattr(frame, "columns") for frame in frames):
-        return _from_frames(list(frames), u, t, dt), notes
-    if not (isinstance(X, list | tuple) and X and np.ndim(X[0]) == 2):
-        X = check_array(X, dtype=np.float64, ensure_min_samples=2, input_name="X")
-    if t is None and dt is None:
-        dt, notes = 1.0, ("no times were given; samples are taken to be 1 s apart",)
-    return Trajectories.from_arrays(X, u, t=t, dt=dt), notes
-
-
-def _from_runs(runs: Sequence[Trajectory]) -> Trajectories:
-    n, m = runs[0].x.shape[1], runs[0].u.shape[1]
-    return Trajectories(tuple(runs), tuple(f"x{i + 1}" for i in range(n)), tuple(f"u{k + 1}" for k in range(m)))
-
-
-def _from_frames(frames: list[Any], u: Any, t: Any, dt: float | int | None) -> Trajectories:
-    import pandas as pd
-
-    if any(column not in frames[0].columns for frame in frames for column in frame.columns):
-        raise DataError("the tables of a list need the same columns")
-    states = [str(column) for column in frames[0].columns]
-    extra = [u] if len(frames) == 1 and not isinstance(u, list | tuple) else (u or [None] * len(frames))
-    joined, inputs = [], []
-    for k, (frame, more) in enumerate(zip(frames, extra, strict=True)):
-        table = more if hasattr(more, "columns") else None if more is None else pd.DataFrame(np.asarray(more))
-        if table is not None and len(table) != len(frame):
-            raise DataError(f"u has {len(table)} rows but x has {len(frame)}; give one input per state sample")
-        inputs = [] if table is None else [c if isinstance(c, str) else f"u{c + 1}" for c in table.columns]
-        frame = frame.set_axis(states, axis=1)
-        if t is not None:
-            frame = frame.set_axis(pd.Index(np.asarray(t if len(frames) == 1 else t[k], float), name="t"), axis=0)
-        joined.append(frame if table is None else frame.assign(**dict(zip(inputs, table.to_numpy().T, strict=True))))
-    timed = t is not None or isinstance(frames[0].index, pd.MultiIndex) or frames[0].index.name in ("t", "time")
-    return Trajectories.from_dataframe(joined, states, inputs, dt=None if timed else (dt or 1.0))
 
 
 def _box(data: Measurements) -> Float[ndarray, "n 2"]:
