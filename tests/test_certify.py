@@ -15,6 +15,9 @@ from hypothesis import strategies as st
 import persid as ps
 from adversaries import policies, runs
 from persid.certify import Reason
+from persid.lmi import _interior as interior
+from persid.setting import Setting
+from persid.system import scaling
 from problems import BY_NAME
 from questions import ASKED, PENDULUM, Case
 
@@ -344,3 +347,43 @@ def test_example_of_a_witness_reads_well(tmp_path: Path) -> None:
     assert "rests at both" in str(verdict)
     verdict.witness.save(tmp_path / "w.json")
     assert isinstance(ps.check(tmp_path / "w.json"), ps.Accepted)
+
+
+# Functions that are not defined, or not finite, everywhere
+
+
+@pytest.mark.parametrize("f", ["sqrt(x+1)-1", "log1p(x)", "(x+1)**1.5-1", "tan(x)", "1-1/(x+1)"])
+@pytest.mark.parametrize("coefficient", [-1.0, 0.0])
+def test_functions_not_defined_everywhere(f: str, coefficient: float) -> None:
+    """A function that is not defined for all states leaves a model undecided globally and is certified in a region."""
+    model = ps.PersidskiiModel([[-1.0]], [(f, None, [[coefficient]])], [[1.0]])
+    verdict = ps.certify(model)
+    assert isinstance(verdict, ps.Undecided)
+    assert verdict.reason is Reason.OUTSIDE
+    assert f"{f} is defined and continuous for all states" in verdict.detail
+    assert verdict.evidence is None  # a simulation that leaves the domain would tell nothing
+    assert isinstance(ps.certify(model, domain=[[-0.5, 0.5]]), ps.Certified)
+    wide = ps.certify(model, domain=[[-2.0, 2.0]])
+    assert isinstance(wide, ps.Undecided)
+    assert "in the whole box; give a smaller one" in wide.detail
+
+
+def test_the_box_of_the_data_is_tried_where_a_function_ends() -> None:
+    """A global question about a model with a box of data is answered in the box, or says that the box is too wide."""
+    terms = [("sqrt(x+1)-1", None, [[-1.0]])]
+    inside, beyond = (ps.PersidskiiModel([[-1.0]], terms, [[1.0]], domain=[[-w, w]]) for w in (0.9, 1.1))
+    assert isinstance(ps.certify(inside), ps.Certified)
+    assert "whole box" in str(ps.certify(beyond))
+
+
+def test_slopes_that_floating_point_does_not_know() -> None:
+    """x |x|^(1/2) is certified, though its slope at 0 is 0 times infinity in floating point."""
+    verdict = ps.certify(ps.PersidskiiModel([[-1.0]], [("x*abs(x)**0.5", None, [[-1.0]])], [[1.0]]))
+    assert isinstance(verdict, ps.Certified)
+
+
+def test_functions_that_vanish_together() -> None:
+    """Points at which every function in z is zero spoil no first dual matrix: nothing is asked of a norm of 0."""
+    model = ps.PersidskiiModel([[0.0]], [("deadzone(x)", None, [[-1.0]])], [[1.0]])
+    setting = Setting.of(model, None)
+    assert np.isfinite(interior(setting.system, scaling(setting.system))).all()

@@ -22,7 +22,7 @@ from persid.obstruction import Obstruction, find_obstruction
 from persid.proof import Lyapunov, choose, write
 from persid.rates import Question, best_rate, smallest_gain
 from persid.search import search
-from persid.setting import Setting
+from persid.setting import Setting, undefined
 from persid.witness import Witness, find_witness
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
@@ -132,7 +132,7 @@ class _Failure:
 
     def undecided(self, asked: "_Asked", log: "_Log") -> Undecided:
         evidence = None
-        if not is_large(asked.model):
+        if not is_large(asked.model) and not undefined(asked.model):  # a run that leaves the domain would tell nothing
             with log.attempt("simulations from bounded states") as outcome:
                 evidence = simulated(asked.model, asked.u)
                 outcome.append(f"{evidence.diverged} of {evidence.runs} diverged")
@@ -204,7 +204,8 @@ def certify(
     near, box = _near(model, operating_point), _box(model, domain)
     u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
     try:
-        return _decide(_Asked(model, near, u, box, gains == "each"), log)
+        with np.errstate(all="ignore"):  # samples overflow, slopes are infinite: what is not finite proves nothing
+            return _decide(_Asked(model, near, u, box, gains == "each"), log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
@@ -242,6 +243,8 @@ def _decide(asked: _Asked, log: _Log) -> Verdict:
     if isinstance(regional, Certificate):
         return Certified(regional, tuple(log.attempts))
     failure = verdict or regional or _FAILURES[Status.TIME]
+    if points and isinstance(regional, _Failure) and failure.reason is Reason.OUTSIDE:  # a region was asked for
+        failure = regional
     return failure.undecided(asked, log)
 
 
@@ -278,6 +281,8 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: _Log) -> Cer
         return Refuted(witness, tuple(log.attempts))
     if not points:
         return _Failure(Reason.OUTSIDE, _NO_POINT)
+    if missing := undefined(asked.model):
+        return _Failure(Reason.OUTSIDE, _UNDEFINED.format("; ".join(missing[:4])))
     if log.left() <= 0:
         return _FAILURES[Status.TIME]
     setting, failure = Setting.of(asked.model, points[0]), _FAILURES[Status.TIME]
@@ -331,6 +336,8 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
         reach = np.minimum(point.x - box[:, 0], box[:, 1] - point.x) - point.radius
         if not (reach > 0).all():
             continue
+        if missing := undefined(asked.model, point, box):
+            return _Failure(Reason.OUTSIDE, _UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
         if log.left() <= 0:
             return _FAILURES[Status.TIME]
         setting = Setting.of(asked.model, point, box)
@@ -387,7 +394,12 @@ def _rate_and_gain(
     asked: _Asked, setting: Setting, full_P: bool, reach: ndarray | None, log: _Log
 ) -> Lyapunov | _Failure:
     """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate."""
-    fastest = -2 * float(np.linalg.eigvals(setting.jacobian).real.max())
+    J = setting.jacobian
+    if not np.isfinite(J).all():
+        return _Failure(
+            Reason.OUTSIDE, _NO_SLOPE
+        )
+    fastest = -2 * float(np.linalg.eigvals(J).real.max())
     if fastest <= 0:
         return _Failure(Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable.")
     system, shape = setting.system, None if reach is None else 1 / reach**2
@@ -407,6 +419,12 @@ def _rate_and_gain(
 _LARGE = "It is a weighted l1 norm; for other Lyapunov functions a model of at most 400 states is needed."
 _TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
 _NO_POINT = "No equilibrium at the nominal input was found and proved; name a state near it, or another input (u_op)."
+_UNDEFINED = (
+    "It is not proved that {} is defined and continuous for all states, which a global claim needs; ask for a region"
+    ' where it is: domain="data", or a box [[lo, hi], …].'
+)
+_UNDEFINED_IN_BOX = "It is not proved that {} is defined and continuous in the whole box; give a smaller one."
+_NO_SLOPE = "A slope at the operating point is not finite, or not known in floating point."
 _UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."
 _FAILURES = {
     Status.INFEASIBLE: _Failure(Reason.NOT_FOUND, _TRY),

@@ -323,7 +323,7 @@ def _interior(system: System, units: Scaling) -> ndarray:
             values = group.curve.values(x @ group.row)[:, 1:]
         z[:, [system.places[c] for c in group.channels]] = values
     z = np.clip(np.nan_to_num(z / units.entries), -1e6, 1e6)
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    z /= np.maximum(np.linalg.norm(z, axis=1, keepdims=True), 1e-300)  # functions may vanish together
     X = z.T @ z / count
     return X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X)
 

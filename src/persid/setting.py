@@ -13,6 +13,7 @@ from persid.model import PersidskiiModel
 from persid.proof import Lyapunov
 from persid.sector import Curve, Group, Place, axes, groups, nondecreasing_pool, pool
 from persid.system import System, system
+from persid_check.prover import prove_continuous
 
 
 @dataclass(eq=False)
@@ -112,6 +113,22 @@ class Setting:
             self.below[curve][k] = 0.0
             return [f"{_text(curve, form)}, d = {d:.4g}"]
         return []
+
+
+def undefined(
+    model: PersidskiiModel, point: OperatingPoint | None = None, box: Float[ndarray, "n 2"] | None = None
+) -> tuple[str, ...]:
+    """Return the functions that are not proved continuous for all states (of a box about a point): no claim is then.
+
+    A square root is one, and the tangent; the checker asks it of channels without effect, too.
+    """
+    place, channels = _place(model, point, box), model.channels
+    found = []
+    for row, f in zip(channels.rows, channels.functions, strict=True):
+        where = (None, None) if place is None else (place.domain(row), place.shift(row))
+        if not prove_continuous(((f.program, Fraction(1)),), *where):
+            found.append(f.text)
+    return tuple(dict.fromkeys(found))
 
 
 def _is_reference(model: PersidskiiModel, point: OperatingPoint) -> bool:

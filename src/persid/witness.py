@@ -106,7 +106,9 @@ def _unstable_linear_part(model: PersidskiiModel, u: ndarray, points: Sequence[O
 
 
 def _growth(J: Float[ndarray, "n n"]) -> dict[str, Any] | None:
-    """Return S, sigma and e with J'S + S J - 2 sigma S near I and e'Se > 0, or None for a stable J."""
+    """Return S, sigma and e with J'S + S J - 2 sigma S near I and e'Se > 0, or None; J may be stable, or not finite."""
+    if not np.isfinite(J).all():
+        return None
     largest = float(np.linalg.eigvals(J).real.max())
     if largest <= 0:
         return None
@@ -172,7 +174,10 @@ def _left_kernel(A0: ndarray) -> Iterator[list[int]]:
 def _cooperative_growth(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
     """Starts above an equilibrium, along the direction that grows fastest there and along the diagonal."""
     for point in points[:3]:
-        values, vectors = np.linalg.eig(model.jacobian(point.x))
+        J = model.jacobian(point.x)
+        if not np.isfinite(J).all():
+            continue
+        values, vectors = np.linalg.eig(J)
         perron = np.abs(vectors[:, np.argmax(values.real)].real)
         for direction in (perron, np.ones(model.n)):
             for size in (0.01, 0.1, 1.0, 10.0, 100.0):
