@@ -349,6 +349,14 @@ def test_example_of_a_witness_reads_well(tmp_path: Path) -> None:
     assert isinstance(ps.check(tmp_path / "w.json"), ps.Accepted)
 
 
+def test_whole_seconds() -> None:
+    """A time limit is a number of seconds, whole or not."""
+    model = scalar(-1.0)
+    assert ps.certify(model, time_limit=20).is_certified
+    assert ps.certify_many([model], engine=None, time_limit=20)[0].is_certified
+    assert ps.CertifiedIdentifier(time_limit=20).time_limit == 20
+
+
 # Functions that are not defined, or not finite, everywhere
 
 

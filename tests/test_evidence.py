@@ -44,7 +44,7 @@ def test_the_work_is_bounded() -> None:
 def test_undecided_verdict_carries_evidence_and_stays_undecided() -> None:
     """A model whose runs diverge is not refuted by them; sentence and summary tell of them."""
     model = ps.PersidskiiModel([[-1.0, 0.4], [0.3, -1.0]], [("x**2", [[1.0, 0.5]], [[0.3], [0.2]])], np.eye(2))
-    verdict = ps.certify(model, time_limit=0.0)
+    verdict = ps.certify(model, time_limit=1e-9)
     assert isinstance(verdict, ps.Refuted | ps.Undecided)
     if isinstance(verdict, ps.Undecided):
         assert verdict.evidence is not None
@@ -55,13 +55,21 @@ def test_undecided_verdict_carries_evidence_and_stays_undecided() -> None:
 
 
 def test_time_limit_still_leaves_evidence() -> None:
-    """Without time there is no verdict, and the simulations are still made."""
-    verdict = ps.certify(cubic(-1.0), time_limit=0.0)
+    """With too little time there is no verdict, and the simulations are still made."""
+    verdict = ps.certify(cubic(-1.0), time_limit=1e-9)
     assert isinstance(verdict, ps.Undecided)
     assert verdict.evidence == Evidence(RUNS, 0)
     rows = attempt_rows(verdict)
     assert rows[-1][:2] == ("simulations from bounded states", f"0 of {RUNS} diverged")
     assert all(seconds.endswith(" s") for *_, seconds in rows)
+
+
+def test_no_time_at_all() -> None:
+    """With time_limit=0 nothing is simulated."""
+    verdict = ps.certify(cubic(-1.0), time_limit=0)
+    assert isinstance(verdict, ps.Undecided)
+    assert verdict.evidence is None
+    assert all("simulations" not in attempt.what for attempt in verdict.attempts)
 
 
 def test_decided_verdicts_need_no_simulation() -> None:

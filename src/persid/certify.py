@@ -132,7 +132,8 @@ class _Failure:
 
     def undecided(self, asked: "_Asked", log: "_Log") -> Undecided:
         evidence = None
-        if not is_large(asked.model) and not undefined(asked.model):  # a run that leaves the domain would tell nothing
+        # where a function ends, a run that goes on tells nothing
+        if log.limit > 0 and not is_large(asked.model) and not undefined(asked.model):
             with log.attempt("simulations from bounded states") as outcome:
                 evidence = simulated(asked.model, asked.u)
                 outcome.append(f"{evidence.diverged} of {evidence.runs} diverged")
@@ -143,14 +144,15 @@ class _Failure:
 class _Log:
     """Collects attempts with their times, and reports them as they happen."""
 
-    deadline: float
+    limit: float  # in s
     progress: Progress
     attempts: list[Attempt] = field(default_factory=list)
     best: Certificate | None = None  # what an interruption leaves
+    began: float = field(default_factory=time.perf_counter)
 
     def left(self) -> float:
         """Seconds until the time limit."""
-        return self.deadline - time.perf_counter()
+        return self.began + self.limit - time.perf_counter()
 
     @contextmanager
     def attempt(self, what: str) -> Iterator[list[str]]:
@@ -171,7 +173,7 @@ def certify(
     u_op: Any = None,
     domain: Any = "global",
     gains: str = "joint",
-    time_limit: float = 60.0,
+    time_limit: float | int = 60.0,
     progress: Progress | None = None,
 ) -> Verdict:
     """Decide whether a model is input-to-state stable about its operating point.
@@ -186,7 +188,7 @@ def certify(
         domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
         gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
             where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
-        time_limit: seconds after which the search stops with what it has.
+        time_limit: seconds after which the search stops with what it has; with 0 nothing is simulated either.
         progress: is called with a line of text at each step.
 
     Returns:
@@ -200,7 +202,7 @@ def certify(
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
-    log = _Log(time.perf_counter() + time_limit, progress or (lambda line: None))
+    log = _Log(float(time_limit), progress or (lambda line: None))
     near, box = _near(model, operating_point), _box(model, domain)
     u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
     try:
@@ -396,9 +398,7 @@ def _rate_and_gain(
     """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate."""
     J = setting.jacobian
     if not np.isfinite(J).all():
-        return _Failure(
-            Reason.OUTSIDE, _NO_SLOPE
-        )
+        return _Failure(Reason.OUTSIDE, _NO_SLOPE)
     fastest = -2 * float(np.linalg.eigvals(J).real.max())
     if fastest <= 0:
         return _Failure(Reason.OUTSIDE, "The linearisation at the operating point is not exponentially stable.")

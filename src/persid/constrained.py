@@ -60,7 +60,7 @@ def deliver(
     free: Any,
     verdict: Verdict,
     data: Trajectories,
-    time_limit: float = 60.0,
+    time_limit: float | int = 60.0,
     progress: Callable[[str], None] | None = None,
     select: str | None = None,
 ) -> Delivery:
@@ -80,7 +80,7 @@ def deliver(
 
 
 def rated(
-    model: PersidskiiModel, verdict: Certified, time_limit: float, progress: Callable[[str], None] | None = None
+    model: PersidskiiModel, verdict: Certified, time_limit: float | int, progress: Callable[[str], None] | None = None
 ) -> Certified:
     """Return the verdict with a rate and a gain, or in a region with a larger rate, where that is found; else as given.
 

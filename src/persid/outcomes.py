@@ -67,7 +67,7 @@ def uninterrupted(verdict: Any) -> Any:
     return verdict
 
 
-def question(operating_point: Any, u_op: Any, domain: str, time_limit: float) -> dict[str, Any]:
+def question(operating_point: Any, u_op: Any, domain: str, time_limit: float | int) -> dict[str, Any]:
     """Return the arguments of `persid.certify`."""
     point = "auto" if operating_point is None else operating_point
     return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit}
