@@ -1,7 +1,7 @@
 """Puts benchmarks/results/*.json into the page on benchmarks while the site is built: every figure, none chosen.
 
 The line `<!-- results -->` of docs/benchmarks.md is replaced: a section a file, single values in one table, lists of
-records in one table each, pictures of docs/images/benchmarks/ below.
+records in one table each, longer ones folded; pictures of docs/images/benchmarks/ come first.
 """
 
 import json
@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PICTURES = ROOT / "benchmarks" / "results", ROOT / "docs" / "images" / "benchmarks"
 MARK = "<!-- results -->"
 MOST_ROWS = 60  # of a table; the file has all
+OPEN_ROWS = 12  # of a table that is not folded
 LONGEST = 60  # characters of a cell
 
 
@@ -32,13 +33,13 @@ def section(path: Path) -> str:
     command = f"python benchmarks/{path.stem}.py" if (ROOT / "benchmarks" / f"{path.stem}.py").is_file() else ""
     parts = [f"## {path.stem.replace('_', ' ').capitalize()}", f"`{command}`, " if command else ""]
     parts[1] += f"`benchmarks/results/{path.name}`"
+    pictures = sorted(PICTURES.glob(f"{path.stem}*.svg"))
+    parts += [f"![{picture.stem.replace('-', ' ')}](images/benchmarks/{picture.name})" for picture in pictures]
     singles = {name: value for name, value in content.items() if not isinstance(value, dict | list)}
     parts += [block(singles)] if singles else []
     for name, value in content.items():
         if name not in singles:
             parts += [f"**{name.replace('_', ' ')}**", block(value)]
-    pictures = sorted(PICTURES.glob(f"{path.stem}*.svg"))
-    parts += [f"![{picture.stem.replace('-', ' ')}](images/benchmarks/{picture.name})" for picture in pictures]
     return "\n\n".join(parts)
 
 
@@ -59,7 +60,12 @@ def table(rows: list[dict[str, Any]]) -> str:
     lines = [columns, ["---"] * len(columns), *([cell(row.get(name)) for name in columns] for row in rows[:MOST_ROWS])]
     text = "\n".join("| " + " | ".join(column or " " for column in line) + " |" for line in lines)
     more = f"\n\nThe first {MOST_ROWS} of {len(rows)} rows." if len(rows) > MOST_ROWS else ""
-    return text + more
+    return folded(text + more, len(rows)) if len(rows) > OPEN_ROWS else text
+
+
+def folded(text: str, count: int) -> str:
+    """Return a table that opens on a click."""
+    return f'??? note "{count} rows"\n\n' + "\n".join(f"    {line}".rstrip() for line in text.split("\n"))
 
 
 def cell(value: Any) -> str:
