@@ -61,6 +61,8 @@ def read(data: bytes, where: str = "companion") -> Arrays:
                 raise FormatError(where, f"more than {MAX_MEMBERS} arrays")
             if len({member.filename for member in members}) != len(members):
                 raise FormatError(where, "an array stands twice")
+            if sum(member.file_size for member in members) > len(data):
+                raise FormatError(where, "its arrays overlap: together they are larger than the file")
             return {member.filename.removesuffix(".npy"): _array(where, archive, member) for member in members}
     except (zipfile.BadZipFile, ValueError, NotImplementedError, RuntimeError, EOFError) as error:
         if isinstance(error, FormatError):

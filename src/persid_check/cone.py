@@ -5,6 +5,7 @@ from fractions import Fraction
 from math import gcd, lcm
 
 from persid_check.results import NotProvedError
+from persid_check.work import spend
 
 MAX_RAYS = 2000  # met on the way: a cone in 9 dimensions cut out by 64 forms could have millions
 
@@ -30,7 +31,9 @@ def generators(forms: Sequence[Sequence[Fraction]], size: int) -> tuple[Vector, 
         if crossing is not None:
             lines, rays = _cut_a_line(cut, crossing, lines, rays)
         else:
-            rays = _extreme(_halved(cut, rays), used)
+            rays = _halved(cut, rays)
+            spend(len(rays) * len(used) * _words(rays))
+            rays = _extreme(rays, used)
     return (*rays, *lines, *(tuple(-c for c in line) for line in lines))
 
 
@@ -52,6 +55,7 @@ def _halved(cut: Vector, rays: list[Vector]) -> list[Vector]:
     below = [pair for pair in heights if pair[0] < 0]
     if len(inside) + len(above) * len(below) > MAX_RAYS**2 // 16:
         raise NotProvedError("kinds", "the cone of the forms has too many generators; fewer forms are needed")
+    spend(8 * len(above) * len(below) * _words(rays))
     return inside + [_combined(h, low, -g, high) for h, high in above for g, low in below]
 
 
@@ -65,6 +69,11 @@ def _extreme(rays: list[Vector], used: list[Vector]) -> list[Vector]:
     if len(vanishing) > MAX_RAYS:
         raise NotProvedError("kinds", "the cone of the forms has too many generators; fewer forms are needed")
     return [ray for where, ray in vanishing.items() if not any(where < other for other in vanishing)]
+
+
+def _words(rays: list[Vector]) -> int:
+    """How many steps a product of two vectors counts for: one for each 256 bits of the largest entry."""
+    return 1 + max((abs(c).bit_length() for ray in rays for c in ray), default=0) // 256
 
 
 def _combined(p: int, v: Vector, q: int, w: Vector) -> Vector:

@@ -14,17 +14,19 @@ from persid_check import companion, network_sentences
 from persid_check.cone import Vector, generators
 from persid_check.expression import ExpressionError, parse
 from persid_check.format import _COMMON, FORMAT, MAX_FORMS, _dyadic, _dyadics, _fields, _index, _list, _object, _text
-from persid_check.model import Model, canonical_model, model_of
+from persid_check.model import Model, canonical_model, model_of, sha256_of
 from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes, nodes_of
 from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.results import FormatError, NotProvedError
-from persid_check.sparse import SparseModel, is_sparse, read_sparse
+from persid_check.sparse import FILLED_STATES, SparseModel, is_sparse, read_sparse
 from persid_check.table import Table, doubtful, table_of, table_of_sparse
+from persid_check.work import spend
 
 if TYPE_CHECKING:
     from numpy import ndarray
 
 EXACT_WORK = 500_000  # coefficients times generators that are worth checking in fractions, without NumPy
+PRODUCTS = 4  # of fractions, that a step counts for
 MAX_KINDS = 100_000
 MAX_DOUBTFUL = 20_000  # columns redone in fractions
 
@@ -177,7 +179,9 @@ def prove_no_weights(claim: NetworkObstruction) -> tuple[str, tuple[str, ...]]:
     for k, value in active:
         ray = claim.kinds[int(nodes.kind[k])].rays[int(claim.choice[k])]
         strict = strict or ray[0] > 0
-        for i, size in _sizes(nodes.column(k), k, ray):
+        column = nodes.column(k)
+        spend(len(column) * len(ray) // PRODUCTS)
+        for i, size in _sizes(column, k, ray):
             total[i] = total.get(i, Fraction(0)) + value * size
     if any(value < 0 for value in total.values()) or not (strict or any(total.values())):
         raise NotProvedError("z", "it is not true that M z >= 0 with M z or some z v_0 positive")
@@ -207,6 +211,7 @@ def _prove_decrease(
     k: int, column: Column, rays: Sequence[Vector], weights: "Sequence[Fraction] | ndarray", kappa: Fraction
 ) -> None:
     """Prove w_k T_k + sum w_i |T_i| + kappa w_k v_0 <= 0, T_i = sum v_s A_s[i, k], for every generator v."""
+    spend(len(rays) * len(column) * len(rays[0]) // PRODUCTS)
     w = {i: Fraction(weights[i]) for i in {k, *column}}
     for ray in rays:
         if sum((w[i] * T for i, T in _sizes(column, k, ray)), kappa * w[k] * ray[0]) > 0:
@@ -223,27 +228,32 @@ def _gains(claim: NetworkClaim) -> tuple[list[Fraction], bool]:
     sums = [Fraction(0)] * (model.m + offset)
     for w, row in zip(claim.weights, rows, strict=True):
         for j, value in enumerate(row):
-            sums[j] += w * abs(Fraction(value)) if value else 0
+            sums[j] += Fraction(w) * abs(Fraction(value)) if value else 0
     return sums, offset
 
 
 def _sparse_gains(claim: NetworkClaim, model: SparseModel) -> tuple[list[Fraction], bool]:
-    """Return the same from binary64 sums, raised by N 2^-51 of themselves for N operations."""
+    """Return the same from binary64 sums, raised by N 2^-51 of themselves for N operations and 2^-1000 an entry.
+
+    A product that underflows loses at most 2^-1075, and all of them together may leave the sum 0.
+    """
     import numpy as np
 
     w = _binary64(claim.weights)
     sums: ndarray = np.zeros(len(model.inputs))
+    entries: ndarray = np.zeros(len(model.inputs), np.int64)
     if model.B is not None:
-        node = np.repeat(np.arange(len(sums)), np.diff(model.B.starts))
+        entries = np.diff(model.B.starts)
+        node = np.repeat(np.arange(len(sums)), entries)
         sums = np.bincount(node, weights=np.abs(model.B.values) * w[model.B.rows], minlength=len(sums))
     offset = not claim.every and model.b is not None
     if model.b is not None and offset:
-        sums = np.append(sums, np.abs(model.b) @ w)
+        sums, entries = np.append(sums, np.abs(model.b) @ w), np.append(entries, model.n)
     if not np.isfinite(sums).all():
         raise NotProvedError("weights", "|B|'w is too large for a binary64")
-    raised = Fraction(1) + Fraction(model.n + 8, 2**51)
-    tiny = Fraction(model.n, 2**1000)  # more than all underflows together
-    return [Fraction(float(value)) * raised + tiny * bool(value) for value in sums], offset
+    raised, tiny = 1 + Fraction(model.n + 8, 2**51), Fraction(1, 2**1000)
+    pairs = zip(sums.tolist(), entries.tolist(), strict=True)
+    return [Fraction(value) * raised + count * tiny for value, count in pairs], offset
 
 
 def _sizes(column: Column, k: int, ray: Sequence[Fraction | int]) -> list[tuple[int, Fraction]]:
@@ -269,7 +279,9 @@ def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: 
     arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
     if is_sparse(form):
         sparse = read_sparse(form, arrays)
-        if sparse.form() != form:
+        if sparse.n <= FILLED_STATES:
+            raise FormatError("model", f"the network form is for more than {FILLED_STATES} states")
+        if sha256_of(sparse.form()) != sha256_of(form):  # as texts: to Python 1 == True
             raise FormatError("model", "not the network form of the arrays in the companion")
         return NetworkSubject(claim, data["model_sha256"], form, sparse, table_of_sparse(sparse), arrays)
     if canonical_model(form) != form:

@@ -19,7 +19,8 @@ def _model(subject: NetworkSubject) -> str:
 def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> str:
     """Return the sentence of claim L1; `gains` are upper bounds of (|B|'w)_l, with `offset` the last one is of b."""
     about = "every equilibrium" if claim.every else "x* = x_ref for u* = u_ref"
-    names = [f"sup|u{i + 1} - u{i + 1}*|" for i in range(len(gains) - offset)] + ["sup|v|"] * offset
+    inputs = [_input(i, str(name)) for i, name in enumerate(claim.subject.form["inputs"], start=1)]
+    names = [f"sup|{name} - {name}*|" for name in inputs] + ["sup|v|"] * offset
     terms = [f"{decimal(g / claim.kappa)} {name}" for g, name in list(zip(gains, names, strict=True))[:SHOWN] if g]
     terms += ["..."] if len(gains) > SHOWN else []
     bound = " + ".join([f"exp(-{decimal(claim.kappa, up=False)} t) V(x(0) - x*)", *terms])
@@ -36,6 +37,11 @@ def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> st
             " satisfy this estimate with the second one in place of x*."
         )
     return " ".join(parts)
+
+
+def _input(i: int, name: str) -> str:
+    """An input's own name, quoted; u1, u2, ... as they are, but never for another input than the first, second, ..."""
+    return name if name == f"u{i}" else repr(name)
 
 
 def decrease_steps(claim: NetworkClaim, rays: Sequence[int], how: str) -> tuple[str, ...]:

@@ -132,7 +132,8 @@ def _channels(t: int, term: SparseTerm, n: int, pairs: dict[tuple[str, float], i
     if len(term.texts) > 1:
         text = np.array([numbers[f] for f in term.texts])[column]
     joint, inverse = np.unique(text * len(factors) + place, return_inverse=True)
-    names = [(list(numbers)[j // len(factors)], float(factors[j % len(factors)])) for j in joint]
+    texts = list(numbers)
+    names = [(texts[j // len(factors)], float(factors[j % len(factors)])) for j in joint.tolist()]
     codes = np.array([pairs.setdefault(name, len(pairs)) for name in names], np.int64)
     return _Channels(node, codes[inverse] if len(node) else np.zeros(0, np.int64), column)
 
@@ -239,6 +240,7 @@ def _padded(rays: Sequence[Sequence[Sequence[int]]], width: int) -> tuple["ndarr
             row = [float(Fraction(c, top)) for c in ray]
             padded[r, t, : len(row)] = row
             small[t] |= any(c and abs(f) < SMALL_RAY for c, f in zip(ray, row, strict=True))
+        padded[len(found) :, t] = padded[0, t]  # a kind with fewer rays has the first one again
     return padded, small
 
 
