@@ -17,6 +17,8 @@ from persid import folder, mathml, plots, portraits, report
 from persid.certify import Attempt, Certified, Reason, Undecided
 from persid.evidence import Evidence
 from persid.folder import Record, Results, Source
+from persid.outcomes import verdict_rows
+from persid.summary import caution, limits
 
 VALID = Path(__file__).parent / "certificates" / "valid"
 ATTEMPTS = (Attempt("global Lyapunov function with diagonal P", "certified", 0.25),)
@@ -181,6 +183,45 @@ def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results)
     )
     assert [word for word in words if word not in text] == []
     assert {"fits", "candidates"} <= set(re.findall(r'id="(\w+)-figure_1"', text))
+
+
+def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified: Results) -> None:
+    """At the head of the page stands that the model is worse than the mean, of the fit that was delivered."""
+    record = certified.record
+    assert record is not None
+    assert record.fit is not None
+    assert record.fit.free_run is not None
+    assert "worse than the mean" not in report.render(certified)
+    poor = replace(record, fit=replace(record.fit, free_run=replace(record.fit.free_run, r2_states=(-0.5, 0.36))))
+    assert "on the held-out tail the model is worse than the mean (R2 -0.07)" in report.render(
+        replace(certified, record=poor)
+    )
+    fits = [{"name": "free", "r2": [-2.0, 0.0]}, {"name": "under the certificate", "r2": [0.5, 0.5]}]
+    assert caution(certified.verdict, poor.fit, {"fits": fits}) is None
+    fits[1]["r2"] = [-2.0, 1.0]
+    assert "in free runs over the data" in (caution(certified.verdict, record.fit, {"fits": fits}) or "")
+    assert caution(Undecided(Reason.STALLED), poor.fit, None) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "attempts", "why"),
+    [
+        ("m_cubes", (), "a state is dropped"),
+        ("g_full", (Attempt("rate and gain", "not_found", 0.1),), "none were found"),
+        ("g_full", (Attempt("rate and gain", "time", 0.1),), "the time limit was reached"),
+        ("g_full", ATTEMPTS, "no time was left"),
+        ("g_full", (Attempt("fit, linear start", "certified", 0.1),), "none were asked for"),
+        ("e_shifted", (), None),
+    ],
+)
+def test_why_there_is_no_rate(name: str, attempts: tuple[Attempt, ...], why: str | None) -> None:
+    """A certificate without rate and gain says in one clause why it has none, in the table and in the report."""
+    certificate = ps.load_certificate(VALID / f"{name}.json")
+    verdict = Certified(certificate, attempts)
+    told = [limit for limit in limits(verdict, certificate.model) if "no number" in limit]
+    row = verdict_rows(verdict)[0][1]
+    assert ("no rate and gain" in row) == bool(told) == (why is not None)
+    assert why is None or (why in told[0] and why in row)
 
 
 def test_a_refuted_page_shows_the_witness() -> None:

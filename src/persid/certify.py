@@ -27,6 +27,7 @@ from persid.witness import Witness, find_witness
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
 RATED_STATES = 100  # rates and gains are sought up to this many states
+RATED = "rate and gain"  # the attempt that seeks them
 RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
 
 Progress = Callable[[str], None]
@@ -325,7 +326,7 @@ def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certifica
     """Return a certificate with rate and gain (claim E) where there is one and time for it, else the one given."""
     if certificate.claim == "M" or setting.model.n > RATED_STATES or log.left() <= 0:
         return certificate
-    with log.attempt("rate and gain") as outcome:
+    with log.attempt(RATED) as outcome:
         answer = _settled(setting, partial(_rate_and_gain, asked, setting, full_P, None, log), log)
         outcome.append(_word(answer))
     return answer if isinstance(answer, Certificate) else certificate

@@ -55,7 +55,7 @@ def run(
     from persid import folder
     from persid.certify import certify
     from persid.constrained import Delivery, deliver
-    from persid.summary import comparison_rows, summarize
+    from persid.summary import caution, comparison_rows, summarize
     from persid.surveys import files_of
 
     talk = Talk(as_json, quiet)
@@ -80,8 +80,10 @@ def run(
     paths = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
     rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
-    rows += [*verdict_rows(verdict), *list(files.items())[1:]]
-    talk.result(brief.to_dict() | {"fits": (made.comparison or {}).get("fits"), "files": files}, rows)
+    beside = caution(verdict, fit.report_, made.comparison)
+    rows += [*verdict_rows(verdict), *([("but", beside)] if beside else []), *list(files.items())[1:]]
+    fits = (made.comparison or {}).get("fits")
+    talk.result(brief.to_dict() | {"caution": beside, "fits": fits, "files": files}, rows)
     return EXIT[brief.verdict]
 
 

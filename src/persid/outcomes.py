@@ -90,7 +90,7 @@ def named_gains(verdict: Any) -> dict[str, float]:
 
 
 def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
-    from persid.summary import above, below, summarize
+    from persid.summary import above, below, summarize, unrated
 
     brief = summarize(verdict)
     if verdict.is_certified:
@@ -98,6 +98,8 @@ def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
         bounds = []
         if brief.rate is not None and brief.gain is not None:
             bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"]
+        elif brief.rate is None:
+            bounds = [f"no rate and gain: {unrated(verdict)}"]
         gains = {} if brief.gain is None else named_gains(verdict)
         if len(set(gains.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in gains.items()))

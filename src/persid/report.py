@@ -19,7 +19,7 @@ from persid.equations import equations, term_names
 from persid.files import write_atomically
 from persid.folder import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS, Results
 from persid.model import PersidskiiModel
-from persid.summary import above, below, headline, limits, summarize
+from persid.summary import above, below, caution, headline, limits, summarize
 from persid.trajectories import Trajectories, Trajectory
 
 CELLS, COLUMNS = 4000, 20  # a larger table of coefficients is left to model.json
@@ -97,6 +97,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         verdict=verdict,
         brief=summarize(verdict),
         headline=headline(verdict, model),
+        caution=_caution(results),
         limits=limits(verdict, model),
         certificate=verdict.certificate if isinstance(verdict, Certified) else None,
         gains=_gains(verdict, model),
@@ -120,6 +121,11 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         most_rows=MOST_ROWS,
         seed=portraits.SEED,
     )
+
+
+def _caution(results: Results) -> str | None:
+    record = results.record
+    return caution(results.verdict, record.fit, record.comparison) if record else None
 
 
 def _proven(verdict: Any) -> tuple[Any, str, str]:

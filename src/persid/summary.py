@@ -5,9 +5,12 @@ from dataclasses import asdict, dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
-from persid.certify import Certified, Refuted, Undecided
+import numpy as np
+
+from persid.certify import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided
 from persid.model import PersidskiiModel
 
+UNDER = "under the certificate"  # the fit that is then delivered
 LISTED_STATES = 1000  # the operating point of a larger model is not listed
 NO_PLANT = (
     "It is about the model, not about the plant that was measured: how far the two agree is a question for the "
@@ -117,8 +120,8 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
             "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "
             "stays within a distance of x_ref that depends on b and on u - u_ref."
         )
-    if summarize(verdict).rate is None:
-        found.append("It gives no number for how fast the start is forgotten or how strongly inputs act.")
+    if (why := unrated(verdict)) is not None:
+        found.append(f"It gives no number for how fast the start is forgotten or how strongly inputs act: {why}.")
     if model.domain is not None and verdict.certificate.scope == "global":
         found.append(
             "It holds for the model beyond the range of the measurements too, where nothing has compared the model "
@@ -127,6 +130,50 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
     if verdict.certificate.scope == "regional":
         found.append("It says nothing about starts outside the region.")
     return tuple(found)
+
+
+_UNRATED = {
+    Reason.TIME: "the time limit was reached",
+    Reason.OUTSIDE: "the linearisation at the operating point shows no exponential decay",
+    Reason.ROUNDING: "the margin of the one that was found was lost in exact arithmetic",
+    Reason.FORM: "a property of the functions that they need could not be proved",
+    Reason.STALLED: "the solver stalled while they were sought",
+}
+
+
+def unrated(verdict: Certified) -> str | None:
+    """Return in one clause why a certificate gives neither rate nor gain; None where it gives them."""
+    certificate = verdict.certificate
+    if certificate.rate is not None:
+        return None
+    if certificate.claim == "M":
+        return "a state is dropped from the inequality, and a rate needs every state in it (claim E)"
+    if certificate.model.n > RATED_STATES:
+        return f"they are sought for up to {RATED_STATES} states, and the model has {certificate.model.n}"
+    outcome = next((one.outcome for one in reversed(verdict.attempts) if one.what == RATED), None)
+    if outcome is not None:
+        return _UNRATED.get(Reason.__members__.get(outcome.upper(), Reason.NOT_FOUND), "none were found")
+    searched = any(one.what.startswith("global Lyapunov function") for one in verdict.attempts)
+    return "no time was left to seek them" if searched else "none were asked for, or found"
+
+
+def caution(verdict: Any, fit: Any, comparison: Any) -> str | None:
+    """Return what must stand beside a certificate of a model that foretells measurements worse than their mean.
+
+    `fit` is the report of the free fit, scored on the held-out tail; a model fitted under the certificate is scored by
+    its free runs over the data (`comparison`).
+    """
+    if not isinstance(verdict, Certified):
+        return None
+    under = next((one for one in (comparison or {}).get("fits", ()) if one["name"] == UNDER), None)
+    if under is not None:
+        r2, where = float(np.mean(under["r2"])), "in free runs over the data"
+    elif fit is not None and fit.free_run is not None:
+        r2, where = fit.free_run.r2_mean, "on the held-out tail"
+    else:
+        return None
+    worse = f"{where} the model is worse than the mean (R2 {r2:.2g}): the proof is about the model, not about the plant"
+    return worse if r2 < 0 else None
 
 
 def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
