@@ -125,6 +125,18 @@ def test_checker_stands_alone() -> None:
     assert outside == {(stem, "numpy") for stem in ("companion", "network", "sparse", "table")}
 
 
+def test_checker_shares_public_names_only() -> None:
+    """No module of the checker takes a private name from another one."""
+    taken = {
+        (path.stem, alias.name)
+        for path in CHECKER.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("persid_check")
+        for alias in node.names
+    }
+    assert {(stem, name) for stem, name in taken if name.startswith("_")} == set()
+
+
 def test_checker_loads_numpy_for_large_networks_only() -> None:
     """Importing the checker, or its reader of models, does not load NumPy."""
     code = "import sys, persid_check.__main__; sys.exit('numpy' in sys.modules)"

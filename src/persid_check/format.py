@@ -107,16 +107,16 @@ class Refutation:
 
 Claimed = Stability | Infeasibility | Refutation
 
-_COMMON = ("format", "claim", "statement", "model_sha256", "model")
-_STABILITY = (*_COMMON, "operating_point", "P", "groups", "dropped", "gamma", "proof")
+COMMON = ("format", "claim", "statement", "model_sha256", "model")
+_STABILITY = (*COMMON, "operating_point", "P", "groups", "dropped", "gamma", "proof")
 _RATE = (*_STABILITY, "kappa", "p")
 FIELDS = {
     "G": _STABILITY,
     "M": _STABILITY,
     "E": _RATE,
     "R": (*_RATE, "box", "level", "input_bound"),
-    "infeasible": (*_COMMON, "family", "groups", "L", "proof"),
-    "refuted": (*_COMMON, "u", "witness"),
+    "infeasible": (*COMMON, "family", "groups", "L", "proof"),
+    "refuted": (*COMMON, "u", "witness"),
 }
 WITNESSES = {
     "two-equilibria": ("points",),
@@ -137,10 +137,10 @@ def read_certificate(data: Any) -> Claimed:
     claim = data.get("claim") if isinstance(data, dict) else None
     if not isinstance(claim, str) or claim not in FIELDS:
         raise FormatError("claim", f"one of {', '.join(FIELDS)} is needed")
-    _fields("file", data, FIELDS[claim])
+    require_fields("file", data, FIELDS[claim])
     if data["format"] != FORMAT:
         raise FormatError("format", f'"{FORMAT}" is needed')
-    _text("statement", data["statement"], 5000)
+    read_text("statement", data["statement"], 5000)
     subject = _subject(claim, data)
     if claim == "infeasible":
         return _infeasibility(subject, data)
@@ -148,7 +148,7 @@ def read_certificate(data: Any) -> Claimed:
 
 
 def _subject(claim: str, data: Mapping[str, Any]) -> Subject:
-    _text("model_sha256", data["model_sha256"], 64)
+    read_text("model_sha256", data["model_sha256"], 64)
     form = data["model"]
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
@@ -172,11 +172,11 @@ def _stability(subject: Subject, data: Mapping[str, Any]) -> Stability:
         _group_proofs(data["groups"], subject, _group_fields(claim)),
         _dropped(data["dropped"], size),
         _gamma(data["gamma"], model.m + (point is None and any(model.b))),
-        _dyadic("kappa", data["kappa"]) if rated else Fraction(0),
-        _dyadic("p", data["p"]) if rated else Fraction(0),
+        read_dyadic("kappa", data["kappa"]) if rated else Fraction(0),
+        read_dyadic("p", data["p"]) if rated else Fraction(0),
         _box(data["box"], model.n) if regional else (),
-        _dyadic("level", data["level"]) if regional else Fraction(0),
-        _dyadic("input_bound", data["input_bound"]) if regional else Fraction(0),
+        read_dyadic("level", data["level"]) if regional else Fraction(0),
+        read_dyadic("input_bound", data["input_bound"]) if regional else Fraction(0),
         _proof(data["proof"], ("P", "Q")),
     )
 
@@ -186,8 +186,8 @@ def _infeasibility(subject: Subject, data: Mapping[str, Any]) -> Infeasibility:
         raise FormatError("family", '"diagonal" or "full" is needed')
     full = data["family"] == "full"
     size = subject.model.n + len(subject.model.channels)
-    rows = _list("L", data["L"], size)
-    width = len(_list("L[0]", rows[0]))
+    rows = read_list("L", data["L"], size)
+    width = len(read_list("L[0]", rows[0]))
     if not 1 <= width <= size:
         raise FormatError("L", f"1 to {size} columns are needed")
     L = tuple(_integers(f"L[{i}]", row, width) for i, row in enumerate(rows))
@@ -200,10 +200,10 @@ def _refutation(subject: Subject, data: Mapping[str, Any]) -> Refutation:
     kind = witness.get("kind") if isinstance(witness, dict) else None
     if not isinstance(kind, str) or kind not in WITNESSES:
         raise FormatError("witness.kind", f"one of {', '.join(WITNESSES)} is needed")
-    _fields("witness", witness, ("kind", *WITNESSES[kind]))
-    u = _dyadics("u", data["u"], model.m)
+    require_fields("witness", witness, ("kind", *WITNESSES[kind]))
+    u = read_dyadics("u", data["u"], model.m)
     single = [witness["point"]] if "point" in witness else []
-    listed = _list("witness.points", witness["points"], 2) if "points" in witness else single
+    listed = read_list("witness.points", witness["points"], 2) if "points" in witness else single
     points = tuple(_point(f"witness.points[{i}]", point, model, u) for i, point in enumerate(listed))
     vector = next(name for name in ("direction", "start", "points") if name in witness)
     number = next((witness[name] for name in ("sigma", "offset") if name in witness), [0, 0])
@@ -212,14 +212,15 @@ def _refutation(subject: Subject, data: Mapping[str, Any]) -> Refutation:
         u,
         kind,
         points,
-        () if vector == "points" else _dyadics(f"witness.{vector}", witness[vector], model.n),
+        () if vector == "points" else read_dyadics(f"witness.{vector}", witness[vector], model.n),
         _lower("witness.S", witness["S"], model.n) if "S" in witness else (),
-        _dyadic("witness.sigma or offset", number),
+        read_dyadic("witness.sigma or offset", number),
         _factor("witness.T", witness["T"]) if "T" in witness else (),
     )
 
 
-def _fields(where: str, data: Mapping[str, Any], known: Sequence[str]) -> None:
+def require_fields(where: str, data: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Refuse an object that lacks a known field or has another one."""
     for name in data:
         if name not in known:
             raise FormatError(where, f"unknown field {name[:60]!r}; known: {', '.join(known)}")
@@ -228,22 +229,25 @@ def _fields(where: str, data: Mapping[str, Any], known: Sequence[str]) -> None:
             raise FormatError(where, f"the field {name!r} is missing")
 
 
-def _text(where: str, value: Any, longest: int) -> str:
+def read_text(where: str, value: Any, longest: int) -> str:
+    """Return a text that is not too long."""
     if not isinstance(value, str) or len(value) > longest:
         raise FormatError(where, f"text of at most {longest} characters is needed")
     return value
 
 
-def _list(where: str, value: Any, size: int | None = None) -> list[Any]:
+def read_list(where: str, value: Any, size: int | None = None) -> list[Any]:
+    """Return a list, of a given length where one is given."""
     if not isinstance(value, list) or (size is not None and len(value) != size):
         raise FormatError(where, "a list is needed" if size is None else f"a list of {size} is needed")
     return value
 
 
-def _object(where: str, value: Any, known: Sequence[str]) -> dict[str, Any]:
+def read_object(where: str, value: Any, known: Sequence[str]) -> dict[str, Any]:
+    """Return an object of exactly the known fields."""
     if not isinstance(value, dict):
         raise FormatError(where, f"an object with {', '.join(known)} is needed")
-    _fields(where, value, known)
+    require_fields(where, value, known)
     return value
 
 
@@ -255,7 +259,8 @@ def _integer(where: str, value: Any, bits: int) -> int:
     return value
 
 
-def _index(where: str, value: Any, size: int) -> int:
+def read_index(where: str, value: Any, size: int) -> int:
+    """Return an index into so many entries."""
     index = _integer(where, value, 64)
     if not 0 <= index < size:
         raise FormatError(where, f"an index from 0 to {size - 1} is needed, not {index}")
@@ -263,65 +268,67 @@ def _index(where: str, value: Any, size: int) -> int:
 
 
 def _integers(where: str, values: Any, size: int) -> tuple[int, ...]:
-    return tuple(_integer(where, value, MAX_FACTOR_BITS) for value in _list(where, values, size))
+    return tuple(_integer(where, value, MAX_FACTOR_BITS) for value in read_list(where, values, size))
 
 
-def _dyadic(where: str, value: Any) -> Fraction:
-    pair = _list(where, value, 2)
+def read_dyadic(where: str, value: Any) -> Fraction:
+    """Return the number mantissa * 2**exponent of a pair."""
+    pair = read_list(where, value, 2)
     mantissa, exponent = _integer(where, pair[0], MAX_BITS), _integer(where, pair[1], 64)
     if abs(exponent) > MAX_EXPONENT:
         raise FormatError(where, f"an exponent of at most {MAX_EXPONENT} is needed")
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
-def _dyadics(where: str, values: Any, size: int | None) -> tuple[Fraction, ...]:
-    return tuple(_dyadic(f"{where}[{i}]", value) for i, value in enumerate(_list(where, values, size)))
+def read_dyadics(where: str, values: Any, size: int | None) -> tuple[Fraction, ...]:
+    """Return a list of such numbers."""
+    return tuple(read_dyadic(f"{where}[{i}]", value) for i, value in enumerate(read_list(where, values, size)))
 
 
 def _lower(where: str, rows: Any, n: int) -> Lower:
-    return tuple(_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(_list(where, rows, n)))
+    return tuple(read_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, rows, n)))
 
 
 def _P(value: Any, n: int) -> tuple[bool, Lower]:
     if isinstance(value, dict) and set(value) == {"diagonal"}:
-        return True, tuple((entry,) for entry in _dyadics("P.diagonal", value["diagonal"], n))
-    return False, _lower("P.lower", _object("P", value, ("lower",))["lower"], n)
+        return True, tuple((entry,) for entry in read_dyadics("P.diagonal", value["diagonal"], n))
+    return False, _lower("P.lower", read_object("P", value, ("lower",))["lower"], n)
 
 
 def _gamma(value: Any, width: int) -> Fraction | Lower:
     if isinstance(value, dict):
-        return _lower("gamma.lower", _object("gamma", value, ("lower",))["lower"], width)
-    return _dyadic("gamma", value)
+        return _lower("gamma.lower", read_object("gamma", value, ("lower",))["lower"], width)
+    return read_dyadic("gamma", value)
 
 
 def _point(where: str, value: Any, model: Model, u: tuple[Fraction, ...] | None) -> Point:
     known = ("x", "radius", "u") if u is None else ("x", "radius")
-    point = _object(where, value, known)
-    x = _dyadics(f"{where}.x", point["x"], model.n)
+    point = read_object(where, value, known)
+    x = read_dyadics(f"{where}.x", point["x"], model.n)
     if u is None:
-        u = _dyadics(f"{where}.u", point["u"], model.m)
-    return Point(x, _dyadic(f"{where}.radius", point["radius"]), u)
+        u = read_dyadics(f"{where}.u", point["u"], model.m)
+    return Point(x, read_dyadic(f"{where}.radius", point["radius"]), u)
 
 
 def _box(value: Any, n: int) -> tuple[tuple[Fraction, Fraction], ...]:
-    sides = [_dyadics(f"box[{i}]", side, 2) for i, side in enumerate(_list("box", value, n))]
+    sides = [read_dyadics(f"box[{i}]", side, 2) for i, side in enumerate(read_list("box", value, n))]
     return tuple((side[0], side[1]) for side in sides)
 
 
 def _dropped(value: Any, size: int) -> tuple[int, ...]:
-    entries = tuple(_index(f"dropped[{i}]", entry, size) for i, entry in enumerate(_list("dropped", value)))
+    entries = tuple(read_index(f"dropped[{i}]", entry, size) for i, entry in enumerate(read_list("dropped", value)))
     if len(set(entries)) != len(entries):
         raise FormatError("dropped", "an entry stands twice")
     return entries
 
 
 def _factor(where: str, value: Any) -> Factor:
-    rows = _list(where, value)
+    rows = read_list(where, value)
     return tuple(_integers(f"{where}[{i}]", row, i + 1) for i, row in enumerate(rows))
 
 
 def _proof(value: Any, names: tuple[str, ...]) -> dict[str, Factor]:
-    proof = _object("proof", value, names)
+    proof = read_object("proof", value, names)
     return {name: _factor(f"proof.{name}", proof[name]) for name in names}
 
 
@@ -331,7 +338,7 @@ def _group_fields(claim: str) -> tuple[str, ...]:
 
 
 def _group_proofs(value: Any, subject: Subject, known: tuple[str, ...]) -> tuple[GroupProof, ...]:
-    entries = _list("groups", value, len(subject.groups))
+    entries = read_list("groups", value, len(subject.groups))
     return tuple(
         _group_proof(f"groups[{g}]", entry, 1 + len(group.members), known)
         for g, (entry, group) in enumerate(zip(entries, subject.groups, strict=True))
@@ -339,15 +346,15 @@ def _group_proofs(value: Any, subject: Subject, known: tuple[str, ...]) -> tuple
 
 
 def _group_proof(where: str, value: Any, width: int, known: tuple[str, ...]) -> GroupProof:
-    group = _object(where, value, known)
-    rows = _list(f"{where}.forms", group["forms"])
+    group = read_object(where, value, known)
+    rows = read_list(f"{where}.forms", group["forms"])
     if len(rows) > MAX_FORMS:
         raise FormatError(f"{where}.forms", f"at most {MAX_FORMS} forms are read")
-    forms = tuple(_dyadics(f"{where}.forms[{k}]", row, width) for k, row in enumerate(rows))
+    forms = tuple(read_dyadics(f"{where}.forms[{k}]", row, width) for k, row in enumerate(rows))
     size = len(forms)
     return GroupProof(
         forms,
-        _dyadics(f"{where}.mu", group["mu"], size) if "mu" in known else (),
+        read_dyadics(f"{where}.mu", group["mu"], size) if "mu" in known else (),
         _products(f"{where}.products", group["products"], size) if "products" in known else (),
         _constants(f"{where}.integral", group["integral"], size) if "integral" in known else (),
         _constants(f"{where}.quadratic", group["quadratic"], size) if "quadratic" in known else (),
@@ -356,10 +363,10 @@ def _group_proof(where: str, value: Any, width: int, known: tuple[str, ...]) -> 
 
 def _products(where: str, value: Any, size: int) -> tuple[tuple[int, int, Fraction], ...]:
     found = []
-    for i, entry in enumerate(_list(where, value)):
+    for i, entry in enumerate(read_list(where, value)):
         place = f"{where}[{i}]"
-        k, q, tau = _list(place, entry, 3)
-        found.append((_index(place, k, size), _index(place, q, size), _dyadic(place, tau)))
+        k, q, tau = read_list(place, entry, 3)
+        found.append((read_index(place, k, size), read_index(place, q, size), read_dyadic(place, tau)))
         if found[-1][0] >= found[-1][1]:
             raise FormatError(place, "k < l is needed")
     if len({(k, q) for k, q, _ in found}) != len(found):
@@ -368,5 +375,5 @@ def _products(where: str, value: Any, size: int) -> tuple[tuple[int, int, Fracti
 
 
 def _constants(where: str, value: Any, size: int) -> tuple[Fraction | None, ...]:
-    read: Callable[[int, Any], Fraction | None] = lambda i, v: None if v is None else _dyadic(f"{where}[{i}]", v)  # noqa: E731
-    return tuple(read(i, entry) for i, entry in enumerate(_list(where, value, size)))
+    read: Callable[[int, Any], Fraction | None] = lambda i, v: None if v is None else read_dyadic(f"{where}[{i}]", v)  # noqa: E731
+    return tuple(read(i, entry) for i, entry in enumerate(read_list(where, value, size)))

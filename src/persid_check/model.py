@@ -16,8 +16,8 @@ from persid_check.results import FormatError
 FORMAT = "persid-model-1"
 MAX_STATES = 1000
 MAX_CHANNELS = 3000  # 12 functions for each of 250 states, or 3 for each of 1000
-_FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
-_REQUIRED = {"format", "states", "terms", "B"}
+FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
+REQUIRED = {"format", "states", "terms", "B"}
 _ZERO = (0.0).hex()
 
 Row = dict[int, Fraction]
@@ -81,11 +81,11 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
         if model.n > sparse.FILLED_STATES:
             return model.form()
         data = sparse.filled(model)
-    _refuse_fields("model", data, (*_FIELDS, "provenance"), _REQUIRED)
+    refuse_fields("model", data, (*FIELDS, "provenance"), REQUIRED)
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
-    states = _names("model.states", data["states"])
-    inputs = _names("model.inputs", data.get("inputs") or [])
+    states = read_names("model.states", data["states"])
+    inputs = read_names("model.inputs", data.get("inputs") or [])
     n, m = len(states), len(inputs)
     if not 1 <= n <= MAX_STATES or m > MAX_STATES:
         raise FormatError("model.states", f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
@@ -93,12 +93,12 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
         "format": FORMAT,
         "states": states,
         "inputs": inputs,
-        "x_ref": _vector("model.x_ref", data.get("x_ref"), n),
-        "u_ref": _vector("model.u_ref", data.get("u_ref"), m),
+        "x_ref": read_vector("model.x_ref", data.get("x_ref"), n),
+        "u_ref": read_vector("model.u_ref", data.get("u_ref"), m),
         "A0": _matrix("model.A0", data.get("A0"), n, n),
         "terms": _terms(data["terms"], n),
         "B": _matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
-        "b": _vector("model.b", data.get("b"), n),
+        "b": read_vector("model.b", data.get("b"), n),
         "domain": None if data.get("domain") is None else _matrix("model.domain", data["domain"], n, 2),
     }
 
@@ -182,7 +182,8 @@ def _floats(rows: list[list[str]]) -> list[list[float]]:
     return [[float.fromhex(value) for value in row] for row in rows]
 
 
-def _refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], required: set[str]) -> None:
+def refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], required: set[str]) -> None:
+    """Refuse an object with another field, or without a required one."""
     for name in data:
         if name not in known:
             raise FormatError(where, f"unknown field {str(name)[:60]!r}; known: {', '.join(known)}")
@@ -203,7 +204,7 @@ def _terms(terms: Any, n: int) -> list[dict[str, Any]]:
 def _term(where: str, term: Any, n: int) -> dict[str, Any]:
     if not isinstance(term, Mapping):
         raise FormatError(where, "an object with f, R and A is needed")
-    _refuse_fields(where, term, ("f", "R", "A"), {"f", "A"})
+    refuse_fields(where, term, ("f", "R", "A"), {"f", "A"})
     R = term.get("R")
     if R is not None and (not isinstance(R, list) or not 1 <= len(R) <= MAX_CHANNELS):
         raise FormatError(f"{where}.R", "null or a list of rows is needed")
@@ -229,7 +230,8 @@ def _refuse_expression(where: str, text: str | None) -> None:
         raise FormatError(where, str(error)) from None
 
 
-def _names(where: str, names: Any) -> list[str]:
+def read_names(where: str, names: Any) -> list[str]:
+    """Return names, each once."""
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise FormatError(where, "a list of names is needed")
     if len(set(names)) != len(names) or any(not name or len(name) > 200 or not name.isprintable() for name in names):
@@ -237,7 +239,8 @@ def _names(where: str, names: Any) -> list[str]:
     return list(names)
 
 
-def _vector(where: str, values: Any, size: int) -> list[str]:
+def read_vector(where: str, values: Any, size: int) -> list[str]:
+    """Return numbers in canonical form, zeros where none are given."""
     if values is None:
         return [_ZERO] * size
     if not isinstance(values, list) or len(values) != size:
@@ -250,7 +253,7 @@ def _matrix(where: str, rows: Any, height: int, width: int) -> list[list[str]]:
         return [[_ZERO] * width for _ in range(height)]
     if not isinstance(rows, list) or len(rows) != height:
         raise FormatError(where, f"a list of {height} rows is needed")
-    return [_vector(f"{where}[{i}]", [] if row is None else row, width) for i, row in enumerate(rows)]
+    return [read_vector(f"{where}[{i}]", [] if row is None else row, width) for i, row in enumerate(rows)]
 
 
 def _hex(where: str, value: Any) -> str:

@@ -13,7 +13,18 @@ from typing import TYPE_CHECKING, Any
 from persid_check import companion, network_sentences
 from persid_check.cone import Vector, generators
 from persid_check.expression import ExpressionError, parse
-from persid_check.format import _COMMON, FORMAT, MAX_FORMS, _dyadic, _dyadics, _fields, _index, _list, _object, _text
+from persid_check.format import (
+    COMMON,
+    FORMAT,
+    MAX_FORMS,
+    read_dyadic,
+    read_dyadics,
+    read_index,
+    read_list,
+    read_object,
+    read_text,
+    require_fields,
+)
 from persid_check.model import Model, canonical_model, model_of, sha256_of
 from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes, nodes_of
 from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
@@ -84,8 +95,8 @@ class NetworkObstruction:
 
 
 FIELDS = {
-    "L1": (*_COMMON, "operating_point", "kinds", "kappa", "weights", "companion"),
-    "L1-infeasible": (*_COMMON, "kinds", "z", "choice", "companion"),
+    "L1": (*COMMON, "operating_point", "kinds", "kappa", "weights", "companion"),
+    "L1-infeasible": (*COMMON, "kinds", "z", "choice", "companion"),
 }
 
 
@@ -100,10 +111,10 @@ def read_network(
         FormatError: anything is not as specified; the message names the place.
     """
     claim = data["claim"]
-    _fields("file", data, FIELDS[claim])
+    require_fields("file", data, FIELDS[claim])
     if data["format"] != FORMAT:
         raise FormatError("format", f'"{FORMAT}" is needed')
-    _text("statement", data["statement"], 5000)
+    read_text("statement", data["statement"], 5000)
     subject = _subject(claim, data, folder, arrays)
     if claim == "L1-infeasible":
         kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms", "rays"))
@@ -114,7 +125,7 @@ def read_network(
     every = data["operating_point"] == "every"
     kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms"))
     weights = _vector("weights", data["weights"], subject, "w")
-    return NetworkClaim(subject, every, kinds, weights, _dyadic("kappa", data["kappa"]))
+    return NetworkClaim(subject, every, kinds, weights, read_dyadic("kappa", data["kappa"]))
 
 
 def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
@@ -274,7 +285,7 @@ def _y(size: int) -> tuple[Fraction, ...]:
 
 
 def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: bytes | None) -> NetworkSubject:
-    _text("model_sha256", data["model_sha256"], 64)
+    read_text("model_sha256", data["model_sha256"], 64)
     form, entry = data["model"], data["companion"]
     arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
     if is_sparse(form):
@@ -291,13 +302,13 @@ def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: 
 
 
 def _entry(value: Any) -> Mapping[str, Any]:
-    return _object("companion", value, ("npz", "sha256"))
+    return read_object("companion", value, ("npz", "sha256"))
 
 
 def _vector(where: str, value: Any, subject: NetworkSubject, name: str) -> "Sequence[Fraction] | ndarray":
     """Return n numbers of the file, or of its companion where the file says null."""
     if value is not None:
-        return _dyadics(where, value, subject.nodes.n)
+        return read_dyadics(where, value, subject.nodes.n)
     import numpy as np
 
     found = subject.arrays.get(name)
@@ -310,12 +321,12 @@ def _vector(where: str, value: Any, subject: NetworkSubject, name: str) -> "Sequ
 
 def _kinds(value: Any, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Kind, ...]:
     """Return the kinds of the file in the order of the nodes' kinds."""
-    entries = _list("kinds", value)
+    entries = read_list("kinds", value)
     if len(entries) > MAX_KINDS:
         raise FormatError("kinds", f"at most {MAX_KINDS} are read")
     found = {}
     for t, entry in enumerate(entries):
-        kind = _kind(f"kinds[{t}]", _object(f"kinds[{t}]", entry, known))
+        kind = _kind(f"kinds[{t}]", read_object(f"kinds[{t}]", entry, known))
         found[kind.functions] = kind
     if len(found) != len(entries) or set(found) != set(nodes.kinds):
         raise FormatError("kinds", "each kind that occurs among the nodes, once, and no other, is needed")
@@ -323,23 +334,23 @@ def _kinds(value: Any, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Ki
 
 
 def _kind(where: str, entry: Mapping[str, Any]) -> Kind:
-    pairs = [_list(f"{where}.functions", pair, 2) for pair in _list(f"{where}.functions", entry["functions"])]
+    pairs = [read_list(f"{where}.functions", pair, 2) for pair in read_list(f"{where}.functions", entry["functions"])]
     if len(pairs) > MAX_FUNCTIONS:
         raise FormatError(f"{where}.functions", f"at most {MAX_FUNCTIONS} are read")
-    functions = tuple((_expression(where, text), _dyadic(f"{where}.functions", alpha)) for text, alpha in pairs)
+    functions = tuple((_expression(where, text), read_dyadic(f"{where}.functions", alpha)) for text, alpha in pairs)
     forms, rays = (_vectors(f"{where}.{name}", entry.get(name, []), 1 + len(pairs)) for name in ("forms", "rays"))
     return Kind(functions, forms, rays)
 
 
 def _vectors(where: str, value: Any, size: int) -> Forms:
-    rows = _list(where, value)
+    rows = read_list(where, value)
     if len(rows) > MAX_FORMS:
         raise FormatError(where, f"at most {MAX_FORMS} are read")
-    return tuple(_dyadics(f"{where}[{k}]", row, size) for k, row in enumerate(rows))
+    return tuple(read_dyadics(f"{where}[{k}]", row, size) for k, row in enumerate(rows))
 
 
 def _expression(where: str, text: Any) -> str:
-    _text(where, text, 5000)
+    read_text(where, text, 5000)
     try:
         parse(text)
     except ExpressionError as error:
@@ -351,8 +362,8 @@ def _choice(value: Any, subject: NetworkSubject, kinds: tuple[Kind, ...]) -> "Se
     nodes = subject.nodes
     counts = [len(kind.rays) for kind in kinds]
     if value is not None:
-        entries = _list("choice", value, nodes.n)
-        return tuple(_index(f"choice[{k}]", entry, counts[int(nodes.kind[k])]) for k, entry in enumerate(entries))
+        entries = read_list("choice", value, nodes.n)
+        return tuple(read_index(f"choice[{k}]", entry, counts[int(nodes.kind[k])]) for k, entry in enumerate(entries))
     import numpy as np
 
     found = subject.arrays.get("choice")

@@ -118,13 +118,13 @@ def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    from persid_check.model import _FIELDS, _REQUIRED, FORMAT, _names, _refuse_fields, _vector
+    from persid_check.model import FIELDS, FORMAT, REQUIRED, read_names, read_vector, refuse_fields
 
-    _refuse_fields("model", data, (*_FIELDS, "provenance"), _REQUIRED)
+    refuse_fields("model", data, (*FIELDS, "provenance"), REQUIRED)
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
-    n = data["states"] if isinstance(data["states"], int) else len(_names("model.states", data["states"]))
-    inputs = _names("model.inputs", data.get("inputs") or [])
+    n = data["states"] if isinstance(data["states"], int) else len(read_names("model.states", data["states"]))
+    inputs = read_names("model.inputs", data.get("inputs") or [])
     if isinstance(n, bool) or not 1 <= n <= MAX_NODES or len(inputs) > MAX_INPUTS:
         raise FormatError("model.states", f"1 to {MAX_NODES} states and at most {MAX_INPUTS} inputs are read")
     terms = data["terms"]
@@ -136,7 +136,7 @@ def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
         n,
         None if default else tuple(plain or ()),
         tuple(inputs),
-        tuple(_vector("model.u_ref", data.get("u_ref"), len(inputs))),
+        tuple(read_vector("model.u_ref", data.get("u_ref"), len(inputs))),
         _columns("A0", arrays, (n, n)),
         tuple(_term(f"terms.{i}", term, n, arrays) for i, term in enumerate(terms)),
         _columns("B", arrays, (n, len(inputs))),
