@@ -135,6 +135,7 @@ def test_rejected_certificate_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> 
         raise RoundingError("the checker does not accept it: Q: not positive definite")
 
     monkeypatch.setattr(Certificate, "accept", refuse)
+    monkeypatch.setattr(certify_module, "certify_network", lambda *question: None)
     answer = certify_module.certify(BY_NAME["linear"].build(), time_limit=60.0)
     assert not answer.is_certified
     assert "does not accept" in str(answer)

@@ -3,6 +3,7 @@
 Rows are samples and psi_next = psi K, the paper's transposed convention [least_square_solution].
 """
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.linalg import eig, logm
+from scipy.linalg import eig, expm, logm
 
 from persid.basis import Basis
 from persid.errors import DataError, GeneratorError
@@ -22,6 +23,7 @@ from persid.trajectories import Trajectory
 
 Mixed = Callable[[ndarray, ndarray], Any]
 
+INACCURATE = 1e-6  # relative error of exp(log K) from which a logarithm is refused
 MIXED = -2  # in place of a coordinate: a lifting function of several coordinates
 EQUAL_STEPS = 1e-3  # relative spread of the steps up to which a run counts as sampled at equal steps
 SAMPLING_ERROR = 10.0  # with regressed inputs an eigenvalue below this / sqrt(samples) cannot be told from 0
@@ -306,11 +308,16 @@ def koopman_generator(
         worst = min(doubtful, key=abs)
         raise GeneratorError(_refusal(f"the eigenvalue {_show(worst)} cannot be told from 0 by these data", values, dt))
     _diagnose(values, max(limit, VANISHING * float(np.abs(values).max())), dt)
-    L = logm(K)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of an estimate; the error itself is judged below
+        L = logm(K)
     if np.iscomplexobj(L):
         if np.abs(L.imag).max() > 1e-8 * (1 + np.abs(L.real).max()):
             raise GeneratorError(_refusal("the logarithm is complex", values, dt))
         L = L.real
+    error = np.linalg.norm(expm(L) - K) / np.linalg.norm(K)
+    if not error < INACCURATE:
+        raise GeneratorError(_refusal(f"its exponential misses K by {error:.1g} of its norm", values, dt))
     return L / dt
 
 
