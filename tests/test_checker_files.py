@@ -109,10 +109,10 @@ def _unstable(function: str, name: str = "x1") -> bytes:
 
 def test_names_in_a_sentence_are_quoted() -> None:
     """A state may be named like a claim; within quotation marks it cannot be taken for one."""
-    name = "x (1) is globally input-to-state stable. The model with states y"
+    name = "x (1) is globally input-to-state stable. The model with state y"
     result = check(_unstable("sinh(x)", name))
     assert isinstance(result, Accepted), result
-    assert result.statement.startswith(f"The model with states {name!r} (1)")
+    assert result.statement.startswith(f"The model with state {name!r} (1), 1 input and")
 
 
 def test_a_jacobian_of_immense_numbers_is_refused_at_once() -> None:

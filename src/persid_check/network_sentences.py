@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from persid_check.sentences import SHOWN, decimal
+from persid_check.sentences import SHOWN, counted, decimal
 
 if TYPE_CHECKING:
     from persid_check.network import NetworkClaim, NetworkObstruction, NetworkSubject
 
 
 def _model(subject: NetworkSubject) -> str:
-    return f"The model with {subject.nodes.n} states, {len(subject.form['inputs'])} inputs and SHA-256 {subject.sha256}"
+    states, inputs = counted(subject.nodes.n, "state"), counted(len(subject.form["inputs"]), "input")
+    return f"The model with {states}, {inputs} and SHA-256 {subject.sha256}"
 
 
 def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> str:

@@ -37,6 +37,11 @@ def _vector(values: Sequence[Fraction]) -> str:
     return f"({_numbers(values[:SHOWN])}{', ...' if len(values) > SHOWN else ''})"
 
 
+def counted(number: int, what: str) -> str:
+    """Return a number of things in words: 1 input, 2 inputs."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def _numbers(values: Sequence[Fraction]) -> str:
     """Numbers to six digits, marked where they are rounded."""
     shown = []
@@ -49,7 +54,8 @@ def _numbers(values: Sequence[Fraction]) -> str:
 def _model(subject: Subject) -> str:
     model = subject.model
     names = ", ".join(repr(name) for name in model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
-    return f"The model with states {names} ({model.n}), {model.m} inputs and SHA-256 {subject.sha256}"
+    states = "state" if model.n == 1 else "states"
+    return f"The model with {states} {names} ({model.n}), {counted(model.m, 'input')} and SHA-256 {subject.sha256}"
 
 
 def stability(claim: Stability, everywhere: bool) -> str:
