@@ -1,5 +1,6 @@
 """The commands that prove: certify and check."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -51,7 +52,9 @@ def certify(
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
-    A file is written only when the checker has accepted it; a certificate of another model under that name is removed.
+    A file is written only when the checker has accepted it: a certificate, a witness against stability, or, of an
+    undecided model, the proof that no certificate of the family exists, where there is one. A certificate of another
+    model under that name is removed.
     Of several models, one that cannot be read or decided does not stop the others. The exit code is then 1 if one is
     refuted, else 2 if one failed, else 3 if one stays undecided, else 0. After Ctrl-C the proofs of the models that
     were decided are written.
@@ -112,7 +115,8 @@ def _told(path: Path, verdict: Any, target: Path, explain: bool) -> tuple[dict[s
     if explain:
         facts["attempts"] = [asdict(attempt) for attempt in verdict.attempts]
     rows = [*verdict_rows(verdict), *(attempt_rows(verdict) if explain else [])]
-    return facts, [*rows, ("file", written or "none written")], EXIT[brief.verdict]
+    what = " (proves the reason; stability is not refuted)" if written and brief.verdict == "undecided" else ""
+    return facts, [*rows, ("file", f"{written}{what}" if written else "none written")], EXIT[brief.verdict]
 
 
 @click.command()
@@ -156,12 +160,26 @@ def _targets(models: Sequence[Path], output: Path) -> list[Path]:
 
 
 def _write_proof(verdict: Any, model: "PersidskiiModel", target: Path) -> str | None:
-    """Write the proof of a verdict and return its path; remove a certificate of another model of that name."""
-    proof = verdict.certificate if verdict.is_certified else getattr(verdict, "witness", None)
-    if proof is not None:
+    """Write the proof of a verdict and return its path; remove a certificate of another model of that name.
+
+    That no certificate of some family exists is written too, but never over a certificate of this model.
+    """
+    obstruction = getattr(verdict, "obstruction", None)
+    proof = verdict.certificate if verdict.is_certified else getattr(verdict, "witness", obstruction)
+    if proof is not None and not (obstruction is not None and _is_certificate_of(model, target)):
         target.parent.mkdir(parents=True, exist_ok=True)
         proof.save(target)
         return str(target)
     if target.is_file() and model.sha256 not in target.read_text(encoding="utf-8", errors="replace"):
         target.unlink()
     return None
+
+
+def _is_certificate_of(model: "PersidskiiModel", path: Path) -> bool:
+    """Whether a file says that it is a certificate of stability of this model."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    claims = ("G", "M", "E", "R", "L1")
+    return isinstance(content, dict) and content.get("model_sha256") == model.sha256 and content.get("claim") in claims
