@@ -18,7 +18,8 @@ from persid.talk import Talk
 def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: bool, **inputs: Any) -> int:
     """Simulate a model and write t, states and inputs as CSV.
 
-    Without --input or --inputs-csv the inputs stay at u_ref. A run that diverges ends there, and this is said.
+    Without --input or --inputs-csv the inputs stay at u_ref. A run that diverges ends there, and so does one
+    of a model that is too fast or too stiff to be followed; this is said.
 
     \b
     Example:
@@ -35,11 +36,17 @@ def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: b
         found = subject.simulate(x0, t, u)
     output.parent.mkdir(parents=True, exist_ok=True)
     making.write_csv(output, found)
-    gone = found[0].diverged_at
+    gone, stopped = found[0].diverged_at, found[0].stopped_at
     rows = [("samples", f"{found.samples}, t = {found[0].t[0]:g} ... {found[0].t[-1]:g} s")]
-    rows += [("diverged", f"the state left all bounds at t = {gone:.6g} s; the run ends there")] if gone else []
+    rows += (
+        [("diverged", f"the state left all bounds at t = {gone:.6g} s; the run ends there")] if gone is not None else []
+    )
+    if stopped is not None:
+        rows.append(
+            ("stopped", f"too fast or too stiff to be followed beyond t = {stopped:.6g} s; the state was bounded")
+        )
     rows += [("run", str(output))]
-    talk.result({"run": str(output), "samples": found.samples, "diverged_at": gone}, rows)
+    talk.result({"run": str(output), "samples": found.samples, "diverged_at": gone, "stopped_at": stopped}, rows)
     return DONE
 
 
