@@ -12,9 +12,9 @@ from scipy.linalg import qr
 
 from persid.basis import Basis
 from persid.errors import UnderdeterminedError
+from persid.moments import BLOCK as BLOCK
 from persid.structure import Structure
 
-BLOCK = 4096  # rows; a block of some 50 columns stays in the processor's cache
 ILL_CONDITIONED = 1e7  # the Gram matrix squares the condition number, which leaves no more than 2 digits beyond this
 
 Rows = tuple[Float[ndarray, "N p"], Float[ndarray, "N n"]]
