@@ -309,3 +309,16 @@ def test_the_command_line_certifies_a_sparse_model_file(tmp_path: Path, capsys: 
 def test_a_million_states() -> None:
     """A ring of a million states with four functions is certified."""
     assert certified(ring_model(1_000_000, 0.5)).rate > 2
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_gains_are_not_lost_to_underflow(monkeypatch: pytest.MonkeyPatch, sparse: bool) -> None:
+    """An input with a tiny effect has a gain above zero, and one without an effect has none."""
+    A0, B = -np.eye(2), np.array([[2.0**-1060, 0.0], [0.0, 0.0]])
+    model = ps.PersidskiiModel(sp.csc_array(A0), [], sp.csc_array(B)) if sparse else ps.PersidskiiModel(A0, [], B)
+    found = certify_network(model, True, quiet)
+    assert isinstance(found, NetworkCertificate)
+    monkeypatch.setattr(NetworkCertificate, "w", np.full(2, 2.0**-30))  # products below the least number there is
+    assert found.gains[0] > 0
+    assert found.gains[1] == 0
+    assert found.gain > 0

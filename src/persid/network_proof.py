@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -54,6 +55,11 @@ class NetworkCertificate:
             raise _refusal(answer)
         return cls(data, arrays, model, answer.statement, answer.steps)
 
+    def _repr_html_(self) -> str:
+        from persid.tables import of_certificate
+
+        return of_certificate(self)
+
     def save(self, path: str | Path) -> None:
         """Write the accepted bytes, and beside them the companion under the name that they give."""
         _save(self.content, self.data, self.arrays, path)
@@ -100,13 +106,15 @@ class NetworkCertificate:
     def gains(self) -> Float[ndarray, " m"]:
         """Gains in the norm V from each sup|u_l - u_l*|: (|B|'w)_l / kappa, rounded up."""
         B, w = np.abs(self.model.B), self.w
-        raised = 1 + (self.model.n + 8) * 2.0**-51  # more than the rounding errors of the sums
-        return np.array([-bounds.below(-Fraction(float(s)) * Fraction(raised) / self._kappa) for s in B.T @ w])
+        raised = Fraction(1 + (self.model.n + 8) * 2.0**-51)  # more than the rounding errors of the sums
+        lost = np.asarray((B != 0).sum(axis=0)) * 2.0**-1000  # more than products lose by underflow
+        sums = [Fraction(float(s)) * raised + Fraction(float(tiny)) for s, tiny in zip(B.T @ w, lost, strict=True)]
+        return np.array([-bounds.below(-s / self._kappa) for s in sums])
 
     @property
     def gain(self) -> float:
         """The gain from sup|u - u*| to |x - x*|, both Euclidean, rounded up: |gains| / min w."""
-        return float(np.nextafter(np.linalg.norm(self.gains) / self._least * (1 + 2.0**-40), np.inf))
+        return float(np.nextafter(math.hypot(*self.gains) / self._least * (1 + 2.0**-40), np.inf))
 
     input_bound = None
     level = None
