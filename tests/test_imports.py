@@ -65,6 +65,7 @@ DEFERRED = {  # a method asks the module when it is called
     ("model", "tables"),
     ("certificate", "tables"),
     ("certificate", "network_proof"),
+    ("network_proof", "tables"),
     ("certify", "tables"),
 }
 OUTSIDE = {"__init__", "__main__"}

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.sparse import csc_array
 
 import persid as ps
 from persid import plots
 from persid.certificate import value
 from persid.diagnostics import Spectrum
+from persid.portraits import nominal_input
 from persid.validation import Curve
 
 VALID = Path(__file__).parent / "certificates" / "valid"
@@ -197,6 +199,22 @@ def test_level_sets_show_the_region(ax: Axes) -> None:
     level = value(certificate.content["level"])
     assert any(len(some) == 1 and some[0] == level for some in levels)
     drawn(ax)
+
+
+def test_certificates_of_networks_are_drawn(ax: Axes) -> None:
+    """Level sets and bound take a certificate of claim L1 too."""
+    model = ps.PersidskiiModel(csc_array([[-2.0, 1.0], [1.0, -2.0]]), [], csc_array([[1.0], [0.0]]))
+    certificate = ps.certify(model).certificate  # type: ignore[union-attr]
+    assert isinstance(certificate, ps.NetworkCertificate)
+    assert nominal_input(certificate).tolist() == [0.0]
+    t = np.linspace(0, 3, 40)
+    (run,) = model.simulate([1.0, -0.5], t, 0.1 * np.sin(t)[:, None])
+    plots.bound(ax, certificate, run)
+    proved, drawn = (np.array(line.get_ydata()) for line in ax.lines[:2])
+    assert proved[0] >= drawn[0]
+    ax.clear()
+    plots.level_sets(ax, certificate, [(-1.0, 1.0), (-1.0, 1.0)])
+    assert ax.collections
 
 
 def test_bound_stays_above_the_run(ax: Axes) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import csc_array
 
 import persid as ps
 from persid.certify import Attempt, Certified, Reason, Undecided
@@ -69,6 +70,16 @@ def test_certificates_show_their_claim(name: str) -> None:
     read(text)
     assert certificate.scope in text
     assert ("rate, 1/s" in text) == (certificate.rate is not None)
+
+
+def test_certificates_of_networks_show_their_claim() -> None:
+    """A certificate of claim L1 shows the same figures."""
+    model = ps.PersidskiiModel(csc_array([[-2.0, 1.0], [1.0, -2.0]]), [], csc_array([[1.0], [0.0]]))
+    certificate = ps.certify(model).certificate  # type: ignore[union-attr]
+    assert isinstance(certificate, ps.NetworkCertificate)
+    text = certificate._repr_html_()
+    read(text)
+    assert all(part in text for part in ("L1", "global", "rate, 1/s", "gain"))
 
 
 def test_verdicts_show_what_was_tried() -> None:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from persid.identify import PersidskiiIdentifier as PersidskiiIdentifier
     from persid.model import PersidskiiModel as PersidskiiModel
     from persid.model import load_model as load_model
+    from persid.network_proof import NetworkCertificate as NetworkCertificate
     from persid.obstruction import Obstruction as Obstruction
     from persid.readers import read_csv as read_csv
     from persid.readers import read_parquet as read_parquet
@@ -54,6 +55,7 @@ _HOMES = {
     "persid.errors": ("DataError", "GeneratorError", "ModelError", "PersidError", "UnderdeterminedError"),
     "persid.identify": ("PersidskiiIdentifier",),
     "persid.model": ("PersidskiiModel", "load_model"),
+    "persid.network_proof": ("NetworkCertificate",),
     "persid.obstruction": ("Obstruction",),
     "persid.readers": ("read_csv", "read_parquet"),
     "persid.recordings": ("Recordings",),
@@ -76,6 +78,7 @@ __all__ = [
     "GeneratorError",
     "Malformed",
     "ModelError",
+    "NetworkCertificate",
     "Obstruction",
     "OperatingPoint",
     "PersidError",

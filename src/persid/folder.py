@@ -23,6 +23,7 @@ from persid.evidence import Evidence
 from persid.files import write_atomically
 from persid.freerun import Score
 from persid.model import PersidskiiModel, load_model
+from persid.network_proof import NetworkCertificate
 from persid.obstruction import Obstruction
 from persid.readers import read_csv, read_parquet
 from persid.trajectories import Trajectories
@@ -218,7 +219,7 @@ def _read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt,
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
 
 
-def _certificate(path: Path, model: PersidskiiModel) -> Certificate:
+def _certificate(path: Path, model: PersidskiiModel) -> Certificate | NetworkCertificate:
     try:
         certificate = load_certificate(path)
     except RoundingError as error:

@@ -12,6 +12,7 @@ from persid.certify import Certified
 from persid.drawings import Drawing, FreeRun, legend, number, side_by_side
 from persid.errors import PersidError
 from persid.model import PersidskiiModel
+from persid.network_proof import NetworkCertificate
 from persid.trajectories import Trajectory
 from persid_check import groups
 
@@ -156,7 +157,7 @@ def _kick(certificate: Certificate) -> list[FreeRun]:
     return []
 
 
-def nominal_input(certificate: Certificate) -> ndarray:
+def nominal_input(certificate: Certificate | NetworkCertificate) -> ndarray:
     """Return the constant input u* of a certificate."""
     point = certificate.content["operating_point"]
     if not isinstance(point, dict):  # about x_ref, or (claim L1) about every equilibrium

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from numpy import ndarray
 
 from persid.certificate import Certificate, value
+from persid.network_proof import NetworkCertificate
 from persid.plots.fields import box_of, mesh, phase_portrait
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, thin, tidy
 from persid.trajectories import Trajectory
@@ -18,9 +19,11 @@ FINE_STATES = 6
 MOST_LEVELS = 16
 BOUND_POINTS = 80
 
+Proof = Certificate | NetworkCertificate
+
 
 def level_sets(
-    ax: Axes, certificate: Certificate, box: Any = None, states: Sequence[int] = (0, 1), runs: Sequence[Trajectory] = ()
+    ax: Axes, certificate: Proof, box: Any = None, states: Sequence[int] = (0, 1), runs: Sequence[Trajectory] = ()
 ) -> Axes:
     """Draw level sets of V over two states, the others at the operating point, on the phase portrait.
 
@@ -42,7 +45,7 @@ def level_sets(
     return ax
 
 
-def _frame(certificate: Certificate, states: Sequence[int]) -> ndarray:
+def _frame(certificate: Proof, states: Sequence[int]) -> ndarray:
     """The box of a regional claim, in the plane of two states cut down to the region with a margin about it."""
     box = np.array([[value(lo), value(hi)] for lo, hi in certificate.content["box"]])
     _, _, points = mesh(box, states, 2 * GRID, certificate.operating_point)
@@ -61,7 +64,7 @@ def _levels(V: ndarray) -> ndarray:
     return (step * np.arange(1, int(top / step) + 1)) ** 2
 
 
-def largest_input(certificate: Certificate, run: Trajectory) -> float:
+def largest_input(certificate: Proof, run: Trajectory) -> float:
     """Return the largest |u - u*| of a run, about the nominal input u* of the certificate."""
     point = certificate.content["operating_point"]
     stated = isinstance(point, dict)  # claim L1 speaks of x_ref, or of every equilibrium
@@ -69,7 +72,7 @@ def largest_input(certificate: Certificate, run: Trajectory) -> float:
     return float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
 
 
-def bound(ax: Axes, certificate: Certificate, run: Trajectory, others: Sequence[Trajectory] = ()) -> Axes:
+def bound(ax: Axes, certificate: Proof, run: Trajectory, others: Sequence[Trajectory] = ()) -> Axes:
     """Draw the distance of a run of the model from the operating point, and the bound that the certificate proves.
 
     `others` are further runs of the model to which the same bound applies: from starts of no larger V, with inputs
@@ -93,7 +96,7 @@ def bound(ax: Axes, certificate: Certificate, run: Trajectory, others: Sequence[
     return tidy(ax)
 
 
-def _distance(certificate: Certificate, run: Trajectory) -> ndarray:
+def _distance(certificate: Proof, run: Trajectory) -> ndarray:
     return np.linalg.norm(run.x - certificate.operating_point, axis=1)
 
 
