@@ -198,3 +198,10 @@ def test_the_real_measurements_are_read(measurements):
     with pytest.raises(DataError, match=r"row 12902, column 't': time 100\.01 is repeated"):
         read_csv(rig, states=["y"], inputs=["r", "d"])
     assert read_csv(rig, states=["y"], inputs=["r", "d"], dt=0.007753).samples == 21_275
+
+
+def test_data_are_printed_in_one_line() -> None:
+    """Runs say how large they are instead of printing every sample."""
+    data = Trajectories.from_arrays([np.zeros((500, 2)), np.ones((20, 2))], dt=0.5)
+    assert repr(data) == "Trajectories(2 runs, 520 samples, states ('x1', 'x2'), inputs ())"
+    assert repr(data[1]) == "Trajectory(20 samples, 2 states, 0 inputs, t = 0 ... 9.5 s)"

@@ -54,6 +54,9 @@ class Certificate:
             raise RoundingError(f"the checker does not accept it: {where}: {getattr(answer, 'why', answer)}")
         return cls(data, answer.claim, answer.statement, answer.steps)
 
+    def __repr__(self) -> str:
+        return f"Certificate(claim {self.claim}, {len(self.data)} bytes: {self.statement})"
+
     def _repr_html_(self) -> str:
         from persid.tables import of_certificate
 

@@ -204,7 +204,10 @@ def advise(
     if free is not None and free.blow_ups:
         found.append("the free run on held-out data blows up; raise ridge=, or fit under the certificate")
     elif free is not None and free.r2_mean < 0:
-        found.append("the free run on held-out data is worse than the mean; see the functions, x_ref and the window")
+        inputs = "" if moved else "; what acts from outside and was measured belongs among the inputs"
+        found.append(
+            f"the free run on held-out data is worse than the mean; see the functions, x_ref and the window{inputs}"
+        )
     if curve is not None and curve.best == curve.strengths[-1]:
         found.append("the largest ridge is best: the functions explain little; try others")
     return tuple(found)

@@ -339,8 +339,8 @@ def _diagnose(values: ndarray, limit: float, dt: float) -> None:
 def _refusal(why: str, values: ndarray, dt: float) -> str:
     return (
         f"the Koopman matrix has no trustworthy logarithm: {why}. Spectrum: {spectrum_in_words(values, dt)}. "
-        'Try hold="zoh" where inputs are held, fewer lifting functions, a shorter sampling step, or method="weak", '
-        "which needs no logarithm"
+        'Try hold="zoh" where inputs are held, fewer functions (functions=["x"]), a shorter sampling step, or '
+        'method="weak", which needs no logarithm'
     )
 
 

@@ -55,6 +55,9 @@ class NetworkCertificate:
             raise _refusal(answer)
         return cls(data, arrays, model, answer.statement, answer.steps)
 
+    def __repr__(self) -> str:
+        return f"NetworkCertificate({len(self.data)} bytes, {len(self.arrays or b'')} in a companion: {self.statement})"
+
     def _repr_html_(self) -> str:
         from persid.tables import of_certificate
 

@@ -117,7 +117,7 @@ class Lyapunov:
 def choose(
     assembly: Assembly,
     y: Float[ndarray, " J"],
-    lower: Sequence[Float[ndarray, " K"]] | None = None,
+    lower: Sequence[Float[ndarray, " _"]] | None = None,
     units: Float[ndarray, " m"] | None = None,
 ) -> Lyapunov:
     """Return the rounded Lyapunov function of a solution; negligible unknowns go where the margin allows it.

@@ -31,6 +31,10 @@ class Trajectory:
     diverged_at: float | None = None
     stopped_at: float | None = None
 
+    def __repr__(self) -> str:
+        sizes = f"{len(self)} samples, {self.x.shape[1]} states, {self.u.shape[1]} inputs"
+        return f"Trajectory({sizes}, t = {self.t[0]:g} ... {self.t[-1]:g} s)" if len(self) else f"Trajectory({sizes})"
+
     def __len__(self) -> int:
         return len(self.t)
 
@@ -47,6 +51,9 @@ class Trajectories(Sequence[Trajectory]):
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     notes: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        return f"Trajectories({len(self)} runs, {self.samples} samples, states {self.states}, inputs {self.inputs})"
 
     def __len__(self) -> int:
         return len(self.runs)

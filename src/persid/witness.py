@@ -1,6 +1,7 @@
 """Witnesses: what refutes input-to-state stability at the nominal input, found here and proved by `persid_check`."""
 
 import json
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -116,7 +117,9 @@ def _growth(J: Float[ndarray, "n n"]) -> dict[str, Any] | None:
         sigma = rounded(np.array([share * largest]), 20)[0]
         shifted = J - sigma * np.eye(len(J))
         try:
-            S = sla.solve_continuous_lyapunov(shifted.T, np.eye(len(J)))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of a singular equation: S is judged by the checker
+                S = sla.solve_continuous_lyapunov(shifted.T, np.eye(len(J)))
             S = rounded((S + S.T) / 2 / np.abs(S).max(), 44)
             e = rounded(np.linalg.eigh(S)[1][:, -1], 20)
             T = factor(shifted.T @ S + S @ shifted)
