@@ -159,5 +159,5 @@ def test_on_a_cluster() -> None:
         ) as local,
         distributed.Client(local) as client,
     ):
-        answers = ps.certify_many([UNSTABLE, 7, STABLE], engine=client)
+        answers = ps.certify_many([UNSTABLE, "absent.json", STABLE], engine=client)
     assert names(answers) == ["Refuted", "Failed", "Certified"]
