@@ -532,7 +532,8 @@ def test_ctrl_c_in_a_real_process(here: Path) -> None:
     """A process that is interrupted exits with 130 and leaves nothing."""
     code = (
         "import os, signal, sys, time, persid.cli as cli, persid.fit_commands as fits;"
-        "fits._identify = lambda *a, **k: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60));"
+        "signal.signal(signal.SIGINT, signal.default_int_handler);"  # a job in the background inherits none
+        "fits._identify = lambda *a, **k: (os.kill(os.getpid(), signal.SIGINT), time.sleep(5));"
         f"sys.exit(cli.main({RUN!r}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=_environment())

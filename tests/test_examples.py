@@ -12,7 +12,7 @@ import pytest
 from shown import numbers, words
 
 ROOT = Path(__file__).parents[1]
-LARGEST = 300_000  # bytes of a picture
+LARGEST = 400_000  # bytes of a picture
 LONGEST = 60  # lines of an example
 MEASURED = ("qube", "faster")  # 20,000 samples each: run with -m slow
 
