@@ -161,15 +161,15 @@ def test_interrupt_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> Non
     """Ctrl-C ends the run with the iterate reached, not with an exception."""
     from persid import interior_point
 
-    steps, iterate = [], interior_point._iterate
+    steps, iterate = [], interior_point.step
 
-    def interrupted(state: object) -> object:
+    def interrupted(state: object, limit: object) -> object:
         steps.append(state)
         if len(steps) == 3:
             raise KeyboardInterrupt
         return iterate(state)
 
-    monkeypatch.setattr(interior_point, "_iterate", interrupted)
+    monkeypatch.setattr(interior_point, "step", interrupted)
     solution = solve(random_assembly(3).problem, quality=0.99)
     assert solution.status in (Status.INTERRUPTED, Status.FEASIBLE)
     assert len(solution.log) == 3
@@ -180,16 +180,16 @@ def test_interrupted_answer_is_feasible_only_where_the_point_is(monkeypatch: pyt
     """After Ctrl-C a positive t counts as a margin only if the point meets its inequalities."""
     from persid import interior_point
 
-    def interrupted(state: object) -> object:
+    def interrupted(state: object, limit: object) -> object:
         raise KeyboardInterrupt
 
     problem = random_assembly(1).problem
     feasible = solve(problem)
     assert feasible.status is Status.FEASIBLE
-    monkeypatch.setattr(interior_point, "_iterate", interrupted)
+    monkeypatch.setattr(interior_point, "step", interrupted)
     for change, is_feasible in (({}, True), ({"t": 10.0 * feasible.upper}, False), ({"y": -feasible.y}, False)):
         claimed = replace(feasible.last, **change)
-        monkeypatch.setattr(interior_point, "_start", lambda white, claimed=claimed: claimed)
+        monkeypatch.setattr(interior_point, "first_iterate", lambda white, least, claimed=claimed: claimed)
         assert (solve(problem, quality=100.0).status is Status.FEASIBLE) is is_feasible
 
 
@@ -230,15 +230,3 @@ def test_products_that_vanish_start_without_a_division_by_zero() -> None:
     changed = replace(problem, S=sparse.csr_array(S.tocsr()), X=np.eye(problem.order))
     assert pairings(changed, changed.X)[-1] == 0
     assert solve(changed, iterations=3).log
-
-
-def test_start_is_strictly_feasible_where_the_given_dual_matrix_is_not() -> None:
-    """A dual matrix regularised out of the sector cone is pulled back into it before the first step."""
-    problem = random_assembly(2).problem
-    free = problem.cost == 0
-    free[: problem.free] = False
-    X = problem.X + 0.5 * np.eye(problem.order) * np.trace(problem.X)
-    assert (pairings(problem, X)[free] <= 0).any(), "the example must violate a product"
-    outside = replace(problem, X=X)
-    white = outside.whitened(whitening(outside))
-    assert (pairings(white, np.eye(white.order))[free] > 0).all()

@@ -151,3 +151,20 @@ def test_smaller_problem_finds_its_unknowns_in_a_larger_one() -> None:
     assert set(np.flatnonzero(whole.places_in(few) < 0)) == {
         j for j, label in enumerate(whole.labels) if label not in few.labels
     }
+
+
+def test_first_dual_matrix_is_strictly_inside_the_cone_of_all_products(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A first dual matrix regularised out of the sector cone is pulled back into it."""
+    from persid import lmi
+
+    def least(catalogue: Catalogue) -> float:
+        X = catalogue.assembly(catalogue.families).problem.X
+        return min(float(products[np.triu_indices(len(products), 1)].min()) for products, _ in catalogue.prices(X))
+
+    whole = random_assembly(2)
+    mean = lmi._interior(whole.system, whole.units)
+    outside = mean + 0.5 * np.eye(len(mean)) * np.trace(mean)
+    monkeypatch.setattr(lmi, "_interior", lambda system, units: outside)
+    assert least(Catalogue(whole.system, whole.families)) > 0
+    monkeypatch.setattr(Catalogue, "_inward", lambda self, X: X)
+    assert least(Catalogue(whole.system, whole.families)) < 0, "the example must violate a product"

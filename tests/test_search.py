@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from persid.interior_point import Status
 from persid.model import PersidskiiModel
-from persid.search import JOINING, Outcome, catalogue, join, search
+from persid.search import INSIDE, JOINING, Outcome, PoolFence, catalogue, join, search
 from persid.setting import Setting
 from persid.system import Target
 from problems import BY_NAME
@@ -46,6 +46,58 @@ def test_nothing_is_left_to_join_when_it_is_infeasible() -> None:
         grown = join(family, prices, found.solution.upper)
         assert set(grown.products) <= set(family.products)
         assert set(grown.densities) <= set(family.densities)
+
+
+def _coupled(strength: float, n: int = 6) -> PersidskiiModel:
+    """A network with couplings of mixed sign: certified while they are weak."""
+    rng = np.random.default_rng(4)
+    own, coupling = -np.eye(n), rng.normal(size=(3, n, n)) * (1 - np.eye(n)) * strength / n
+    terms = [("tanh(x)", None, -0.4 * own + coupling[1]), ("sinh(x)", None, own + coupling[2])]
+    return PersidskiiModel(0.2 * own + coupling[0], terms, rng.normal(size=(n, 1)))
+
+
+@pytest.mark.parametrize("full_P", [False, True])
+@pytest.mark.parametrize("strength", [0.5, 1.0, 1.5, 3.0])
+def test_a_fence_does_not_change_the_answer(strength: float, full_P: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a fence from the first step or after free rounds, the search decides the same, and its bounds are bounds."""
+    free = _searched(_coupled(strength), full_P=full_P)
+    monkeypatch.setattr("persid.search.FREE_STEPS", 1)
+    fenced = _searched(_coupled(strength), full_P=full_P)
+    assert fenced.status is free.status
+    assert fenced.status in (Status.FEASIBLE, Status.INFEASIBLE)
+    for found in (free, fenced):
+        if found.status is Status.INFEASIBLE:
+            assert all((products >= 0).all() for products, _ in _prices(found, found.solution.X))
+            assert all((worth + found.solution.upper >= 0).all() for _, worth in _prices(found, found.solution.X))
+
+
+def test_couplings_near_the_limit_are_decided() -> None:
+    """Within a thousandth of the largest coupling that is certified the search still says yes or no, in few steps."""
+    low, high = 0.5, 3.0
+    while high / low > 1.001:
+        middle = float(np.sqrt(low * high))
+        found = _searched(_coupled(middle))
+        assert found.status in (Status.FEASIBLE, Status.INFEASIBLE)
+        assert found.steps < 150
+        low, high = (middle, high) if found.status is Status.FEASIBLE else (low, middle)
+
+
+def test_fence_lets_a_step_go_to_a_share_of_the_way_out() -> None:
+    """A step that would price a product negatively is cut so that a tenth of that product's price is left."""
+    found = _searched(BY_NAME["bistable tanh"].build())
+    about = found.assembly
+    whole = catalogue(about.system, about.families, False, about.target)
+    X, m = about.problem.X, 1e3
+    line = np.random.default_rng(0).normal(size=len(X))
+    out = X - 10 * np.outer(line, line)
+    fence = PoolFence(whole)
+    share = fence.share((X, m), (out, m))
+    assert 0 < share < 1
+    assert fence.wanted[1] == m
+    least = whole.prices(X + share / INSIDE * (out - X))
+    assert min(float(products.min()) for products, _ in least) == pytest.approx(0.0, abs=1e-9)
+    assert fence.share((X, m), (2 * X, m)) == 1.0
+    assert fence.bound(X) == max(0.0, -min(float(worth.min()) for _, worth in whole.prices(X)))
 
 
 def test_joining_takes_only_negative_prices() -> None:

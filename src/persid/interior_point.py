@@ -14,41 +14,28 @@ with Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is m
 and no F_k is ever formed (`pairs`). Strictly feasible starts exist on both sides, hence no phase 1: at every iterate t
 is a lower and m an upper bound of the optimal margin, and the sign of the margin is known as soon as t > 0 or m < 0.
 
-When unknowns join, the method goes on where it is: y stays strictly feasible with a little of each new unknown, and the
-equality of a new x_k, whose price may be negative, is met in the steps that follow. Until then m is no bound.
+When unknowns join, the method goes on where it is: y stays strictly feasible with a little of each new unknown. Where
+the price of a new one is negative, the equality of its x_k is met in the steps that follow; until then m is no bound.
+A `Fence` keeps the prices of unknowns outside the problem from becoming negative, so that m bounds those, too.
 References: Helmberg, Rendl, Vanderbei & Wolkowicz (1996), SIAM J. Optim. 6(2); Mehrotra (1992), SIAM J. Optim. 2(4).
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-import scipy.linalg as sla
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from persid.pairs import (
-    BLOCK,
-    Problem,
-    combine,
-    dual_of_P,
-    lengths,
-    pack,
-    pairings,
-    sandwich,
-    schur,
-    schur_of_P,
-    unpack,
-)
+from persid.iterate import Iterate, first_iterate, resumed, step
+from persid.pairs import Problem
 
-SHARE = 0.95  # of the way to the boundary that a step goes
+ITERATIONS = 80
 NOISE = 1e-12  # of the first distance of the bounds: a margin below it is not told from zero
-RIDGE = 1e-13  # added to the unit diagonal of the Schur complement; the next step corrects what it changes
-JOINING_SHARE = 0.5  # of the way to the boundary that unknowns go which join; also their first x_k over its size
-ROUNDING = 1e-9  # of its size: an equality that is violated by less counts as met
 
 
 class Status(Enum):
@@ -57,9 +44,23 @@ class Status(Enum):
     FEASIBLE = "A strictly feasible point was found."
     INFEASIBLE = "A dual matrix shows that no feasible point exists in this family."
     STALLED = "The bounds met, or steps became too short, before the sign of the margin was decided."
+    BLOCKED = "A fence shortened the last step: unknowns outside the problem have to join it."
     ROUGH = "The bounds came as near to each other as was asked, and the sign of the margin is still open."
     TIME = "The time limit was reached."
     INTERRUPTED = "The run was interrupted; the best point so far is kept."
+
+
+@runtime_checkable
+class Fence(Protocol):
+    """Unknowns outside a problem whose prices are to stay positive; X is in the coordinates of the problem given."""
+
+    def bound(self, X: Float[ndarray, "N N"]) -> float:
+        """Return the least m for which no price at X is negative."""
+        ...
+
+    def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
+        """Return the share of a step between two (X, m) that may be taken; 1 where nothing blocks it."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class Solution:
     """Why the method stopped, the last iterate in coordinates z = C w, and a `log` of one line per iterate."""
 
     status: Status
-    last: "Iterate"
+    last: Iterate
     C: Float[ndarray, "N N"]
     first: float  # the distance of the bounds at the start
     log: tuple[str, ...]
@@ -102,25 +103,27 @@ def solve(
     problem: Problem,
     *,
     start: tuple[Solution, Int[ndarray, " J"]] | None = None,
+    fence: Fence | None = None,
     time_limit: float = np.inf,
     quality: float = 0.1,
     gap: float = 1e-13,
     fall: float = 0.0,
-    iterations: int = 80,
+    iterations: int = ITERATIONS,
 ) -> Solution:
     """Decide the sign of the optimal margin; a feasible answer has t >= quality * m where the method gets that far.
 
     `start` is the solution of a problem with fewer unknowns, and the place there of every unknown here (-1: it is new).
-    The run is ROUGH when the bounds are within `gap` of their first distance, or mu has fallen to `fall` of its start.
+    The run is ROUGH when the bounds are within `gap` of their first distance, or mu has fallen to `fall` of its start;
+    it is BLOCKED after a step that `fence` shortened.
     """
     if start is None:
         C = whitening(problem)
-        state = _start(problem.whitened(C))
+        state = first_iterate(problem.whitened(C), 0.0 if fence is None else fence.bound(C @ C.T / problem.order))
         first = state.m - state.t
     else:
         C, first = start[0].C, start[0].first
-        state = _resumed(problem.whitened(C), start[0].last, start[1])
-    log, status = [], Status.STALLED
+        state = resumed(problem.whitened(C), start[0].last, start[1])
+    log, status, share = [], Status.STALLED, 1.0
     started, goal = time.perf_counter(), fall * state.mu
     try:
         for count in range(iterations):
@@ -138,289 +141,30 @@ def solve(
             if time.perf_counter() - started > time_limit:
                 status = Status.TIME
                 break
-            following = _iterate(state)
+            if share < 1:
+                status = Status.BLOCKED
+                break
+            following = step(state, None if fence is None else _limit(fence, state, C))
             if following is None:
                 break
-            state = following
+            state, share = following
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    if state.t > 0 and state.is_interior:
+    if state.t > 0 and status is not Status.BLOCKED and state.is_interior:
         status = Status.FEASIBLE
     return Solution(status, state, C, first, tuple(log))
 
 
-@dataclass(frozen=True, eq=False)
-class Iterate:
-    """Primal X, U, x, m and dual y, t, with Z and P(y), in coordinates in which X0 = I."""
-
-    problem: Problem
-    y: Float[ndarray, " J"]
-    t: float
-    m: float
-    X: Float[ndarray, "N N"]
-    U: Float[ndarray, "k k"]
-    x: Float[ndarray, " s"]
-    Z: Float[ndarray, "N N"] = field(init=False)
-    P: Float[ndarray, "k k"] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "Z", -combine(self.problem, self.y) - self.t * np.eye(self.problem.order))
-        object.__setattr__(self, "P", unpack(self.problem, self.y))
-
-    @property
-    def s(self) -> Float[ndarray, " s"]:
-        """The unknowns that must be positive: all but the entries of P."""
-        return self.y[self.problem.free :]
-
-    @cached_property
-    def gap(self) -> float:
-        """Total complementarity: m - t where the equalities are met."""
-        return float(np.vdot(self.X, self.Z) + np.vdot(self.U, self.P) + self.x @ self.s)
-
-    @property
-    def mu(self) -> float:
-        """Mean complementarity."""
-        return self.gap / (self.problem.order + self.problem.symmetric + len(self.x))
-
-    @cached_property
-    def halves(self) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-        """Inverse Cholesky factors of X, U, Z and P(y): L^-1 with M = L L'."""
-        return _half(self.X), _half(self.U), _half(self.Z), _half(self.P)
-
-    @property
-    def is_interior(self) -> bool:
-        """Whether y and t satisfy their inequalities strictly."""
-        return bool((self.s > 0).all()) and _is_positive(self.Z) and _is_positive(self.P)
-
-    @cached_property
-    def defect(self) -> Float[ndarray, " J"]:
-        """What the equalities of (P) lack."""
-        free, lack = self.problem.free, pairings(self.problem, self.X) + self.m * self.problem.cost
-        lack[:free] -= pack(self.problem, self.U)
-        lack[free:] -= self.x
-        return lack
-
-    @property
-    def is_dual_feasible(self) -> bool:
-        """Whether X proves the bound m: its equalities are met but for rounding errors."""
-        size = lengths(self.problem, self.X) + abs(self.m) * self.problem.cost
-        return bool((np.abs(self.defect) <= ROUNDING * size).all())
-
-
-def _start(problem: Problem) -> Iterate:
-    """Strictly feasible and nearly central: X = I / order; U, x, m to match; y = mu / x, P = mu U^-1, t by mu X^-1."""
-    free, k, c = problem.free, problem.symmetric, problem.cost[problem.free :]
-    X = np.eye(problem.order) / problem.order
-    paired = pairings(problem, X)
-    W = dual_of_P(problem, paired[:free])  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
-    costly = c > 0
-    needed = [0.0, *(-paired[free:][costly] / c[costly])]
-    if k:
-        needed.append(-float(np.linalg.eigvalsh(W)[0]))
-    m = 1.5 * max(needed) + 1e-3 / problem.order
-    U, x = W + m * np.eye(k), paired[free:] + m * c
-    x = np.where(x > 0, x, 1e-3 * lengths(problem, X)[free:])  # where X0 is not interior the equality comes later
-    P = _inverse(_half(U))
-    mu = 1 / (np.trace(P) + c @ (1 / x))
-    y = mu * np.concatenate([(P / (1 + np.eye(k)))[np.triu_indices(k)], 1 / x])
-    largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
-    return Iterate(problem, y, -float(largest) - mu * problem.order, m, X, U, x)
-
-
-def _resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Iterate:
-    """Return the iterate with new unknowns: y_k = b mu / |F_k| keeps Z > 0, x_k is of the size of F_k."""
-    known, free = places >= 0, problem.free
-    size = lengths(problem, old.X)
-    joining = np.where(known, 0.0, old.mu / size)
-    b = min(1.0, JOINING_SHARE * _to_boundary(old.halves[2], -combine(problem, joining)))
-    y = np.where(known, old.y[places], b * joining)
-    x = np.where(known[free:], old.x[np.maximum(places[free:] - free, 0)], JOINING_SHARE * size[free:])
-    total = float(problem.cost @ y)
-    return Iterate(problem, y / total, old.t / total, old.m, old.X, old.U, x)
+def _limit(fence: Fence, state: Iterate, C: ndarray) -> Callable[[ndarray, float], float]:
+    """Return the fence as a step sees it, in the coordinates of the iterates."""
+    here = C @ state.X @ C.T, state.m
+    return lambda X, m: fence.share(here, (C @ X @ C.T, m))
 
 
 def whitening(problem: Problem) -> Float[ndarray, "N N"]:
     """Return C: in coordinates z = C w the dual matrix X0 of the problem, restricted to its blocks, is I."""
     C = np.zeros((problem.order, problem.order))
-    X = _inward(problem)
     for block in range(int(problem.blocks.max(initial=-1)) + 1):
         inside = np.ix_(problem.blocks == block, problem.blocks == block)
-        C[inside] = np.linalg.cholesky(X[inside])
+        C[inside] = np.linalg.cholesky(problem.X[inside])
     return C
-
-
-def _inward(problem: Problem) -> ndarray:
-    """Return X0, less a multiple of I where it was regularised so much that it left the sector cone."""
-    free = problem.cost == 0
-    free[: problem.free] = False
-    price, change = (pairings(problem, M)[free] for M in (problem.X, np.eye(problem.order)))
-    falling, rising = change < 0, change > 0
-    least = float((price[falling] / change[falling]).max(initial=-np.inf))
-    if least < 0:
-        return problem.X
-    most = min(float(np.linalg.eigvalsh(problem.X)[0]), (price[rising] / change[rising]).min(initial=np.inf))
-    return problem.X - 0.5 * (least + most) * np.eye(problem.order) if least < most else problem.X
-
-
-@dataclass(frozen=True, eq=False)
-class _Direction:
-    y: ndarray
-    t: float
-    m: float
-    X: ndarray
-    U: ndarray
-    x: ndarray
-    Z: ndarray
-    P: ndarray
-
-
-def _symmetric(M: ndarray) -> ndarray:
-    return 0.5 * (M + M.T)
-
-
-def _half(M: ndarray) -> ndarray:
-    """Return L^-1, M = L L'; LinAlgError where M is not positive definite."""
-    if not len(M):
-        return M
-    return np.tril(sla.lapack.dtrtri(np.linalg.cholesky(M), lower=1)[0])  # trtrs would start threads at every size
-
-
-def _inverse(half: ndarray) -> ndarray:
-    return half.T @ half
-
-
-def _is_positive(M: ndarray) -> bool:
-    return not len(M) or sla.lapack.dpotrf(M, lower=1, clean=0)[1] == 0
-
-
-def _iterate(state: Iterate) -> Iterate | None:
-    """One predictor-corrector step; None when the linear algebra gives out."""
-    free = state.problem.free
-    try:
-        direction = _newton(state)
-        predicted = direction(0.0, None)
-        a, b = _steps(state, predicted)
-        gap = (
-            np.vdot(state.X + a * predicted.X, state.Z + b * predicted.Z)
-            + np.vdot(state.U + a * predicted.U, state.P + b * predicted.P)
-            + (state.x + a * predicted.x) @ (state.s + b * predicted.y[free:])
-        )
-        size = state.problem.order + state.problem.symmetric + len(state.x)
-        sigma = min(1.0, max(float(gap) / size / state.mu, 1e-6) ** 2)
-        corrected = direction(sigma * state.mu, predicted)
-        a, b = _steps(state, corrected)
-    except (sla.LinAlgError, ValueError):
-        return None
-    if max(a, b) < 1e-7:
-        return None
-    return Iterate(
-        state.problem,
-        state.y + b * corrected.y,
-        state.t + b * corrected.t,
-        state.m + a * corrected.m,
-        state.X + a * corrected.X,
-        state.U + a * corrected.U,
-        state.x + a * corrected.x,
-    )
-
-
-def _factored(M: ndarray) -> Callable[[ndarray], ndarray]:
-    """Return v -> M^-1 v; only the lower triangle of M is read, and overwritten."""
-    scale = 1 / np.sqrt(np.diag(M))
-    for start in range(0, len(M), BLOCK):
-        rows, stop = slice(start, start + BLOCK), start + BLOCK
-        M[rows, :stop] *= scale[rows, None] * scale[:stop]
-    M[range(len(M)), range(len(M))] += RIDGE
-    factor = sla.cho_factor(M.T, lower=False, overwrite_a=True, check_finite=False)  # M' is in LAPACK's order: no copy
-    return lambda v: (scale * sla.cho_solve(factor, (scale * v.T).T, check_finite=False).T).T
-
-
-def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
-    """Factor the Newton system once; return the direction for a target mu and an optional second-order correction."""
-    problem, free, c = state.problem, state.problem.free, state.problem.cost
-    ratio = state.x / state.s
-    Z_inverse, P_inverse = _inverse(state.halves[2]), _inverse(state.halves[3])
-    M = schur(problem, sandwich(problem, state.X), sandwich(problem, Z_inverse))
-    M[:free, :free] += schur_of_P(problem, state.U, P_inverse)
-    M[range(free, len(c)), range(free, len(c))] += ratio
-    back = _factored(M)
-    XZ = _symmetric(state.X @ Z_inverse)
-    g = pairings(problem, XZ)
-    Mg, Mc = back(np.stack([g, c], axis=1)).T
-    border = np.array([[c @ Mg, c @ Mc], [np.trace(XZ) - g @ Mg, -(g @ Mc)]])
-    trace_defect = np.trace(state.X) - 1
-
-    def direction(target: float, second: _Direction | None) -> _Direction:
-        C, CU, cx = target * Z_inverse - state.X, target * P_inverse - state.U, target / state.s - state.x
-        if second is not None:
-            C = C - _symmetric(second.X @ second.Z @ Z_inverse)
-            CU = CU - _symmetric(second.U @ second.P @ P_inverse)
-            cx = cx - second.x * second.y[free:] / state.s
-        r = -pairings(problem, C) - state.defect
-        r[:free] += pack(problem, CU)
-        r[free:] += cx
-        Mr = back(r)
-        dt, dm = np.linalg.solve(border, [c @ Mr, -np.trace(C) - trace_defect - g @ Mr])
-        dy = Mr - Mg * dt - Mc * dm
-        F, dP = combine(problem, dy), unpack(problem, dy)
-        dX = C + _symmetric(state.X @ F @ Z_inverse) + dt * XZ
-        dU = CU - _symmetric(state.U @ dP @ P_inverse)
-        dx = cx - ratio * dy[free:]
-        return _Direction(dy, float(dt), float(dm), dX, dU, dx, -F - dt * np.eye(problem.order), dP)
-
-    return direction
-
-
-def _steps(state: Iterate, d: _Direction) -> tuple[float, float]:
-    """Return the primal and the dual step length, a fixed share of the way to the boundary."""
-    X, U, Z, P = state.halves
-    primal = min(1.0, SHARE * _ratio(state.x, d.x))
-    dual = min(1.0, SHARE * _ratio(state.s, d.y[state.problem.free :]))
-    for M, half, dM in ((state.X, X, d.X), (state.U, U, d.U)):
-        primal = _inside(M, half, dM, primal)
-    for M, half, dM in ((state.Z, Z, d.Z), (state.P, P, d.P)):
-        dual = _inside(M, half, dM, dual)
-    return primal, dual
-
-
-def _inside(M: ndarray, half: ndarray, dM: ndarray, a: float) -> float:
-    """Return a step of at most a that keeps M + a dM positive definite, and tests that it does."""
-    a = min(a, SHARE * _to_boundary(half, dM))
-    for _ in range(20):
-        if _is_positive(M + a * dM):
-            return a
-        a *= 0.7
-    return 0.0
-
-
-def _ratio(v: ndarray, dv: ndarray) -> float:
-    falling = dv < 0
-    return float((-v[falling] / dv[falling]).min()) if falling.any() else np.inf
-
-
-def _to_boundary(half: ndarray, dM: ndarray) -> float:
-    """Return the largest a with M + a dM >= 0, to a few percent: from L^-1 dM L^-T, half = L^-1, M = L L'."""
-    if not len(half):
-        return np.inf
-    smallest = np.linalg.eigvalsh(half @ dM @ half.T)[0] if len(half) <= 64 else _lanczos_smallest(half, dM)
-    return -1 / float(smallest) if smallest < 0 else np.inf
-
-
-def _lanczos_smallest(half: ndarray, dM: ndarray, steps: int = 30) -> float:
-    """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
-    v = np.random.default_rng(0).normal(size=len(dM))
-    basis, alphas, betas = [v / np.linalg.norm(v)], [], []
-    for step in range(steps):
-        w = half @ (dM @ (half.T @ basis[-1]))
-        alphas.append(float(w @ basis[-1]))
-        Q = np.array(basis)
-        w -= Q.T @ (Q @ w)
-        w -= Q.T @ (Q @ w)
-        betas.append(float(np.linalg.norm(w)))
-        if step >= 5 or betas[-1] < 1e-12:
-            values, vectors = sla.eigh_tridiagonal(alphas, betas[:-1])
-            residual = betas[-1] * abs(vectors[-1, 0])
-            if residual <= 0.02 * abs(values[0]) + 1e-9:
-                return float(values[0] - residual)
-        basis.append(w / betas[-1])
-    return float(values[0] - residual)

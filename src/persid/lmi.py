@@ -26,6 +26,7 @@ from persid.system import Family, Multipliers, Scaling, System, Target, scaling
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
 
+Prices = list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]  # of a group's products, and of its densities
 Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("p",)
 
 
@@ -153,7 +154,7 @@ class Catalogue:
             self.system, tuple(families), self.target, self.units, problem, sizes, tuple(int(v) for v in offsets)
         )
 
-    def prices(self, X: Float[ndarray, "w w"]) -> list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]:
+    def prices(self, X: Float[ndarray, "w w"]) -> Prices:
         """Return <F, X> of every product and of every density of each group, as unknowns of a problem would have it.
 
         A product, or a density after adding the dual bound m, may help only where its price is negative; forms that
@@ -163,8 +164,10 @@ class Catalogue:
         worth = [np.full(len(family.forms), np.nan) for family in self.families]
         for (_, g, k), price in zip(labels, pairings(problem, X), strict=True):
             worth[g][k] = price
-        products = [2 * rows @ X[np.ix_(at, at)] @ rows.T for _, _, rows, at in self._forms]
-        return list(zip(products, worth, strict=True))
+        return list(zip(self._product_prices(X), worth, strict=True))
+
+    def _product_prices(self, X: ndarray) -> list[ndarray]:
+        return [2 * rows @ X[np.ix_(at, at)] @ rows.T for _, _, rows, at in self._forms]
 
     @cached_property
     def _all_densities(self) -> tuple[list[Label], Problem]:
@@ -267,9 +270,22 @@ class Catalogue:
     @cached_property
     def _interior(self) -> ndarray:
         """A first dual matrix: in the interior of the sector cone, a multiple of I for the inputs."""
-        X = np.eye(self.width) / self.width
-        X[: self.system.entries, : self.system.entries] = _interior(self.system, self.units)
-        return X
+        X, entries = np.eye(self.width) / self.width, slice(self.system.entries)
+        X[entries, entries] = _interior(self.system, self.units)
+        return self._inward(X)
+
+    def _inward(self, X: ndarray) -> ndarray:
+        """Return X less a multiple of I where its little I prices a product of the pools negatively."""
+        price, change = (
+            np.concatenate([np.zeros(0), *(rows[np.triu_indices(len(rows), 1)] for rows in self._product_prices(M))])
+            for M in (X, np.eye(self.width))
+        )
+        falling, rising = change < 0, change > 0
+        least = float((price[falling] / change[falling]).max(initial=-np.inf))
+        if least < 0:
+            return X
+        most = min(float(np.linalg.eigvalsh(X)[0]), (price[rising] / change[rising]).min(initial=np.inf))
+        return X - 0.5 * (least + most) * np.eye(self.width) if least < most else X
 
     @cached_property
     def _blocks(self) -> ndarray:

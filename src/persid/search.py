@@ -1,10 +1,15 @@
 """Search for the multipliers of a system: grow the families of forms until the sign of the margin is decided.
 
 A group's pool holds dozens of forms and hundreds of products, of which a certificate uses a few. So the interior-point
-method begins with a few of them. Each time that mu has fallen tenfold its dual matrix X prices the others (a product
-l_k l_l may help if and only if l_k'N X N'l_l < 0), the most promising join, and the method goes on from where it is:
-the whole search takes hardly more iterations than one problem. When none is left to join and m < 0, X proves that the
-whole pool has no certificate.
+method begins with a few of them, and its dual matrix X prices the others: a product l_k l_l may help if and only if
+l_k'N X N'l_l < 0. The most promising join, and the method goes on from where it is. That is done in two ways.
+
+Free rounds: price each time that mu has fallen tenfold. A certificate with some room is found in hardly more
+iterations than one problem takes. But an unknown that joins with a negative price puts X outside the cone, and near an
+optimum of about zero hundreds of short steps would follow.
+Fenced steps: from the beginning, with what has joined so far, X never leaves the cone of the whole pool; what stands in
+its way joins, at a positive price. So m bounds the margin of the whole pool at every step, and m < 0 proves that it has
+no certificate.
 """
 
 import time
@@ -16,16 +21,19 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.interior_point import Solution, Status, solve
-from persid.lmi import Assembly, Catalogue
+from persid.interior_point import ITERATIONS, Solution, Status, solve
+from persid.lmi import Assembly, Catalogue, Prices
 from persid.sector import Curve, Group
 from persid.system import Family, System, Target
 
 FIRST_FORMS = 4  # forms of a pool that the search begins with
 JOINING = 4  # products, and half as many densities, that may join a group in one round
-FALL = 0.1  # share to which mu falls in a round
-ROUNDS = 48
-RESTARTS = 2  # of runs that stalled after unknowns had joined them
+FALL = 0.1  # share to which mu falls in a free round
+FREE_STEPS = 50  # of all free rounds
+ROUNDS = 400
+INSIDE = 0.9  # of the way to the fence that a step goes
+FREE = Status.ROUGH, Status.INFEASIBLE, Status.STALLED  # that may change with more unknowns: without a fence,
+FENCED = (Status.BLOCKED,)  # and with one
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +47,8 @@ class Outcome:
 
     @property
     def status(self) -> Status:
-        """Why the search stopped."""
-        return self.solution.status
+        """Why the search stopped; a search that is still blocked after its last round has stalled."""
+        return Status.STALLED if self.solution.status is Status.BLOCKED else self.solution.status
 
 
 def search(
@@ -63,27 +71,50 @@ def search(
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
-    assembly, start, straight, restarts, steps = whole.assembly(families), None, True, 0, 0
+    assembly, start, fence, steps = whole.assembly(families), None, None, 0
     for count in range(1, ROUNDS + 1):
         left = time_limit - (time.perf_counter() - started)
-        solution = solve(assembly.problem, start=start, time_limit=left, fall=FALL if count < ROUNDS else 0.0)
+        fall, allowed = (FALL, max(1, FREE_STEPS - steps)) if fence is None else (0.0, ITERATIONS)
+        solution = solve(assembly.problem, start=start, fence=fence, fall=fall, iterations=allowed, time_limit=left)
         steps += solution.steps
         if progress is not None:
             size = len(assembly.problem.cost)
             progress(f"round {count}: {size} unknowns, {solution.steps} iterations, {solution.status.name}")
-        if solution.status not in (Status.INFEASIBLE, Status.ROUGH, Status.STALLED):
+        if solution.status not in (FREE if fence is None else FENCED):
             break
-        grown = tuple(map(join, assembly.families, whole.prices(solution.X), repeat(solution.last.m)))
+        prices, m = (whole.prices(solution.X), solution.last.m) if fence is None else fence.wanted
+        grown = tuple(map(join, assembly.families, prices, repeat(m)))
         settled = all(_contains(old, new) for old, new in zip(assembly.families, grown, strict=True))
-        stalled = solution.status is Status.STALLED
-        decided = settled and (solution.status is Status.INFEASIBLE or (stalled and straight))
-        if decided or (stalled and restarts == RESTARTS) or count == ROUNDS:
+        if settled and solution.status is Status.INFEASIBLE:
             break
         before, assembly = assembly, assembly if settled else whole.assembly(grown)
-        # a run that unknowns joined on its way and that stalled is made again from the beginning
-        start = None if stalled else (solution, assembly.places_in(before))
-        straight, restarts = stalled or (straight and settled), restarts + stalled
+        if fence is None and solution.status is not Status.ROUGH:
+            start, fence = None, PoolFence(whole)
+        else:
+            start = solution, assembly.places_in(before)
     return Outcome(assembly, solution, count, steps)
+
+
+class PoolFence:
+    """The cone of all products and densities of the pools; `wanted` is the last end of a step: its prices and m."""
+
+    def __init__(self, whole: Catalogue) -> None:
+        self._whole = whole
+        self.wanted: tuple[Prices, float] = [], 0.0
+
+    def bound(self, X: Float[ndarray, "N N"]) -> float:
+        """Return the least m for which no price at X is negative."""
+        return max((-float(np.nanmin(worth, initial=0.0)) for _, worth in self._whole.prices(X)), default=0.0)
+
+    def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
+        """Return the share of a step between two (X, m) that stays well inside the cone."""
+        share, prices = 1.0, self._whole.prices(there[0])
+        for old, new in zip(self._whole.prices(here[0]), prices, strict=True):
+            for at, to in ((old[0], new[0]), (old[1] + here[1], new[1] + there[1])):
+                leaving = (to < 0) & (at > 0)
+                share = min(share, INSIDE * float((at[leaving] / (at - to)[leaving]).min(initial=np.inf)))
+        self.wanted = prices, there[1]
+        return share
 
 
 def catalogue(system: System, families: Sequence[Family], full_P: bool, target: Target) -> Catalogue:
