@@ -50,11 +50,12 @@ def prepare(kind: str, n: int) -> tuple:
 
 
 def solved_here(kind: str, n: int) -> dict:
-    """Decide by the search of persid; the seconds include finding the forms."""
+    """Decide by the search of persid; the seconds include finding the forms, but no imports."""
     from persid.interior_point import solve
     from persid.lmi import assemble, corollary_1
     from persid.search import search
 
+    prepare(kind, 1)  # the first model imports what the others need
     started = time.process_time()
     about, pools = prepare(kind, n)
     if kind == "paper":

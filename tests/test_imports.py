@@ -15,7 +15,7 @@ CHECKER = SOURCE.parent / "persid_check"
 
 # A module may import what stands before it; modules of one line do not import each other.
 ORDER = """
-errors files extras
+errors files extras threads
 functions trajectories
 drift
 readers integrate algebra moments distributed
@@ -33,6 +33,7 @@ identify
 baselines
 bounds
 certificate bilinear pairs
+iterate
 sector equilibrium interior_point barrier
 evidence
 system integrals descent

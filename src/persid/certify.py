@@ -23,6 +23,7 @@ from persid.proof import Lyapunov, choose, write
 from persid.rates import Question, best_rate, smallest_gain
 from persid.search import search
 from persid.setting import Setting, undefined
+from persid.threads import few_threads
 from persid.witness import Witness, find_witness
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
@@ -207,7 +208,10 @@ def certify(
     near, box = _near(model, operating_point), _box(model, domain)
     u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
     try:
-        with np.errstate(all="ignore"):  # samples overflow, slopes are infinite: what is not finite proves nothing
+        with (
+            few_threads(model.n),
+            np.errstate(all="ignore"),
+        ):  # samples overflow, slopes are infinite: what is not finite proves nothing
             return _decide(_Asked(model, near, u, box, gains == "each"), log)
     except KeyboardInterrupt:
         if log.best is not None:

@@ -37,6 +37,7 @@ from persid.identify import PersidskiiIdentifier
 from persid.model import PersidskiiModel
 from persid.refine import Pieces
 from persid.starts import Line, Result, Task, best_certified, certificate_of, sketch
+from persid.threads import few_threads
 from persid.trajectories import Trajectories
 
 SCOPES = ("global", "regional")
@@ -153,9 +154,9 @@ class CertifiedIdentifier(BaseEstimator):
         data = self.free_._known(X, **given)
         began = time.perf_counter()
         deadline = began + self.time_limit
-        table = self._candidates(data, deadline) if y is None else ()
-        self.table_ = table
-        result, history, chosen = self._final(X, y, given, data, table, deadline)
+        with few_threads(self.free_.model_.n):
+            self.table_ = self._candidates(data, deadline) if y is None else ()
+            result, history, chosen = self._final(X, y, given, data, self.table_, deadline)
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
         self._deliver(result, data, seconds)
