@@ -9,27 +9,15 @@ either is not tried on larger models. Seconds are processor seconds: other work 
 
 import argparse
 import json
-import os
 import resource
-import signal
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
+from children import MEMORY, SECONDS, SHARED, child, joined, keep, kept
 
-ROOT = Path(__file__).resolve().parents[1]
-SHARED = ROOT.parent / "shared"
-MEMORY = 8 * 2**30
-SECONDS = 180
 SOLVERS = ("persid", "CLARABEL", "SCS", "CVXOPT")
 SIZES = (5, 10, 20, 50, 100, 200, 400)
-# Clarabel ends with a numerical error after no step at n = 20 unless it is told to regularise its factors more.
-OPTIONS: dict[str, dict] = {
-    "SCS": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iters": 200_000},
-    "CLARABEL": {"static_regularization_constant": 1e-7},
-}
 
 
 def prepare(kind: str, n: int) -> tuple:
@@ -73,36 +61,16 @@ def solved_here(kind: str, n: int) -> dict:
 
 def solved_by_library(kind: str, n: int, solver: str) -> dict:
     """Decide the inequality that persid decides last, through CVXPY; persid's own search for it is not counted."""
-    import cvxpy as cp
-    from scipy import sparse
+    from library import by_library
 
-    from persid.interior_point import whitening
     from persid.lmi import assemble, corollary_1
     from persid.search import search
 
     about, pools = prepare(kind, n)
     assembly = assemble(about, corollary_1(about)) if kind == "paper" else search(about, pools).assembly
-    problem = assembly.problem.whitened(whitening(assembly.problem))
-    started = time.process_time()
-    D = sparse.csr_array(sparse.vstack([problem.S, sparse.csr_array(problem.H)]))
-    columns = [(D[[p]].T @ D[[q]]).tocoo() for p, q in zip(problem.p, problem.q, strict=True)]
-    norms = [2 * float(np.sqrt((c.data**2).sum())) for c in columns]
-    N, J = problem.order, len(columns)
-    places = np.concatenate([c.row + N * c.col for c in columns])
-    values = np.concatenate([c.data / s for c, s in zip(columns, norms, strict=True)])
-    which = np.repeat(np.arange(J), [len(c.data) for c in columns])
-    M = sparse.csc_array((values, (places, which)), shape=(N * N, J))
-    y, t = cp.Variable(J, nonneg=True), cp.Variable()
-    half = cp.reshape(M @ y, (N, N), order="F")
-    cost = problem.cost / norms
-    constraints = [-half - half.T - t * np.eye(N) >> 0, (cost / cost.mean()) @ y == 1]  # all of order 1, to be fair
-    program = cp.Problem(cp.Maximize(t), constraints)
-    program.solve(solver=solver, **OPTIONS.get(solver, {}))
-    weights = np.maximum(y.value, 0) if y.value is not None else np.full(J, np.nan)
-    half = (M @ weights).reshape(N, N, order="F")
-    margin = float(np.linalg.eigvalsh(-half - half.T)[0]) if np.isfinite(weights).all() else float("nan")
-    answer = "feasible" if margin > 0 else str(program.status)  # judged by the point itself, not by what is said of it
-    return {"answer": answer, "seconds": time.process_time() - started, "unknowns": J}
+    found = by_library(assembly.problem, solver)
+    answer = "feasible" if found.margin > 0 else found.word  # judged by the point itself, not by what is said of it
+    return {"answer": answer, "seconds": found.seconds, "unknowns": len(assembly.problem.cost)}
 
 
 def one(kind: str, n: int, solver: str) -> None:
@@ -110,29 +78,6 @@ def one(kind: str, n: int, solver: str) -> None:
     result = solved_here(kind, n) if solver == "persid" else solved_by_library(kind, n, solver)
     result["memory_GiB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(json.dumps(result))
-
-
-def run(kind: str, n: int, solver: str) -> dict:
-    """Run one case in a process with limits."""
-
-    def limited() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
-
-    command = [sys.executable, "-W", "ignore", __file__, "--one", kind, str(n), solver]
-    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON")}
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=8 * SECONDS, env=os.environ | threads, preexec_fn=limited
-        )
-    except subprocess.TimeoutExpired:
-        return {"answer": "time-out"}
-    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-        return {"answer": "time-out"}
-    if done.returncode:
-        last = done.stderr.strip().splitlines()[-1:] or [f"ended by signal {-done.returncode}"]
-        return {"answer": "failed", "why": last[0][:120]}
-    return json.loads(done.stdout.strip().splitlines()[-1])
 
 
 def main() -> None:
@@ -150,7 +95,8 @@ def main() -> None:
     for kind in options.kinds.split(","):
         for solver in options.solvers.split(","):
             for n in map(int, options.sizes.split(",")):
-                result = {"kind": kind, "n": n, "solver": solver} | run(kind, n, solver)
+                case = {"kind": kind, "n": n, "solver": solver}
+                result = case | child("speed.py", "--one", kind, str(n), solver)
                 print(_line(result), flush=True)
                 _keep(result)
                 if result["answer"] == "time-out" or "emory" in result.get("why", ""):
@@ -160,14 +106,9 @@ def main() -> None:
 
 def _keep(result: dict) -> None:
     """Put a result into the file in place of an older one, so that the table may be made in parts."""
-    path = ROOT / "benchmarks" / "results" / "speed.json"
-    path.parent.mkdir(exist_ok=True)
-    old = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.is_file() else []
-    case = ("kind", "n", "solver")
-    runs = [each for each in old if any(each[name] != result[name] for name in case)] + [result]
+    runs = joined(kept("speed", "runs"), result, ("kind", "n", "solver"))
     runs.sort(key=lambda each: (each["kind"], SOLVERS.index(each["solver"]), each["n"]))
-    content = {"bytes": MEMORY, "seconds": SECONDS, "runs": runs}
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    keep("speed", bytes=MEMORY, seconds=SECONDS, runs=runs)
 
 
 def _line(result: dict) -> str:

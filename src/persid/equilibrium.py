@@ -59,7 +59,7 @@ def find_operating_point(
     for start in _starts(model, centre, starts or (STARTS if model.n <= 20 else 8), seed):
         with np.errstate(all="ignore"):
             x = _newton(model, start, u)
-        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * _scale(model)) for other in found):
+        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * _units(model)) for other in found):
             found.append(x)
     found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
     proved = (prove(model, x, u) for x in found)
@@ -83,11 +83,6 @@ def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m
     return None if ball is None else OperatingPoint(x, float(ball), u)
 
 
-def _scale(model: PersidskiiModel) -> float:
-    box = usual_box(model)
-    return float(np.abs(box).max()) or 1.0
-
-
 def usual_box(model: PersidskiiModel) -> Float[ndarray, "n 2"]:
     """Return the box of the data, or one of a few natural units of the functions where the model has none."""
     if model.domain is not None:
@@ -98,9 +93,14 @@ def usual_box(model: PersidskiiModel) -> Float[ndarray, "n 2"]:
     return np.stack([model.x_ref - half, model.x_ref + half], axis=1)
 
 
+def _units(model: PersidskiiModel) -> Float[ndarray, " n"]:
+    """Return half the sides of the usual box: what is large and what is small, state by state."""
+    half = np.diff(usual_box(model), axis=1)[:, 0] / 2
+    return np.where(half > 0, half, 1.0)
+
+
 def _starts(model: PersidskiiModel, centre: ndarray, count: int, seed: int) -> ndarray:
-    box = usual_box(model)
-    middle, half = box.mean(axis=1), np.diff(box, axis=1)[:, 0] / 2
+    middle, half = usual_box(model).mean(axis=1), _units(model)
     cube = np.random.default_rng(seed).uniform(-1, 1, (count, model.n))
     near, far = middle + half * cube[: count // 2], middle + REACH * half * cube[count // 2 :]
     return np.vstack([centre, model.x_ref, near, far])
@@ -113,20 +113,28 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | Non
     if not model.rhs(start, u).any():  # exactly at rest, where the Jacobian may be singular, as that of -x**3 at 0
         return start
 
-    def flow(x: ndarray) -> ndarray:
-        return _bounded(model.rhs(x, u))
+    units = _units(model)
 
-    def slopes(x: ndarray) -> ndarray:
-        return _bounded(model.jacobian(x))
+    def flow(v: ndarray) -> ndarray:
+        return _bounded(model.rhs(units * v, u) / units)
 
-    x = root(flow, start, jac=slopes).x
+    def slopes(v: ndarray) -> ndarray:
+        return _bounded(model.jacobian(units * v) * units / units[:, None])
+
+    x = units * root(flow, start / units, jac=slopes).x
     try:
         for _ in range(3):
             x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
     except np.linalg.LinAlgError:
         return None
-    residual = np.abs(model.rhs(x, u)).max() if np.isfinite(x).all() else np.inf
-    return x if residual <= 1e-9 * (1 + np.abs(model.jacobian(x)).max() * np.abs(x - model.x_ref).max()) else None
+    if not np.isfinite(x).all():
+        return None
+    residual = np.abs(flow(x / units)).max()
+    return (
+        x
+        if residual <= 1e-9 * (1 + np.abs(slopes(x / units)).max() * np.abs((x - model.x_ref) / units).max())
+        else None
+    )
 
 
 def _bounded(values: ndarray) -> ndarray:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+import scipy.linalg as sla
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from persid.model import PersidskiiModel
@@ -132,15 +133,41 @@ class Scaling:
 
 
 def scaling(system: System) -> Scaling:
-    """Choose units: of states by rows that read one alone, of channels by f(1), of time by the largest rate."""
-    states = np.ones(system.n)
+    """Choose units: of states by rows that read one alone, of channels by f(1), of time by the largest rate.
+
+    States that no row reads alone get units, powers of two, in which the couplings are balanced.
+    """
+    states, free = np.ones(system.n), np.ones(system.n, bool)
     for group in system.groups:
         support = np.flatnonzero(group.row)
         if len(support) == 1:
             states[support[0]] = 1 / group.row[support[0]]  # sign and all: mu >= 0 belongs to y, not to x
+            free[support[0]] = False
+    if free.any():
+        states[free] = _balance(_couplings(system) / np.abs(states)[:, None] * np.abs(states), free)
     entries = np.concatenate([states[list(system.states)], np.ones(len(system.channels))])
     for group in system.groups:
         entries[[system.places[c] for c in group.channels]] = sizes(group.curve)[1:]
     rate = float(np.linalg.norm(system.G / states[:, None] * entries) / np.sqrt(system.n)) or 1.0
     strength = np.linalg.norm(system.B / states[:, None], axis=0) / rate
     return Scaling(states, entries, 1 / np.where(strength > 0, strength, 1.0), rate)
+
+
+def _couplings(system: System) -> Float[ndarray, "n n"]:
+    """Return the sizes of the slopes of x' by the states."""
+    slopes = np.zeros((system.n, system.n))
+    slopes[:, list(system.states)] = np.abs(system.G[:, : len(system.states)])
+    for group in system.groups:
+        columns = np.abs(system.G[:, [system.places[c] for c in group.channels]])
+        slopes += np.outer((columns * sizes(group.curve)[1:]).sum(axis=1), np.abs(group.row))
+    return slopes
+
+
+def _balance(M: Float[ndarray, "n n"], free: Bool[ndarray, " n"]) -> Float[ndarray, " _"]:
+    """Return d for the free states, powers of two, so that rows and columns of M diag(d) / d have like norms.
+
+    It is relative to the others' units, whose mean stays, or to a mean of 1.
+    """
+    d = sla.matrix_balance(M, permute=False, separate=True)[1][0]
+    known = free if free.all() else ~free
+    return (d / np.exp2(np.round(np.log2(d[known]).mean())))[free]
