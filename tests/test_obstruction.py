@@ -8,6 +8,10 @@ import pytest
 
 import persid as ps
 from persid.certify import Reason
+from persid.interior_point import Status
+from persid.obstruction import find_obstruction
+from persid.search import search
+from persid.setting import Setting
 
 CROSS = [[0.0, -2.0], [-2.0, 0.0]]
 
@@ -37,3 +41,16 @@ def test_not_a_certificate(tmp_path: Path) -> None:
     verdict.witness.save(tmp_path / "w.json")
     with pytest.raises(ps.PersidError, match="does not accept"):
         ps.load_certificate(tmp_path / "w.json")
+
+
+def test_a_pool_of_many_forms_is_shown_to_hold_no_certificate() -> None:
+    """Two functions have more than 64 forms; the checker reads and prices all of them, every pair."""
+    model = ps.PersidskiiModel([[0.3]], [("tanh(x)", None, [[-0.1]]), ("x**3", None, [[-0.1]])], [[1.0]])
+    setting = Setting.of(model, None)
+    assert max(map(len, setting.pools.values())) > 64
+    found = search(setting.system, setting.pools)
+    assert found.status is Status.INFEASIBLE
+    assert found.solution.upper < 0.1 * found.solution.lower, "the bound is clear of zero, and so of rounding"
+    obstruction = find_obstruction(model, found)
+    assert obstruction is not None
+    assert len(obstruction.content["groups"][0]["forms"]) == len(setting.pools[setting.found[0].curve])

@@ -110,7 +110,7 @@ def solve(
     fall: float = 0.0,
     iterations: int = ITERATIONS,
 ) -> Solution:
-    """Decide the sign of the optimal margin; a feasible answer has t >= quality * m where the method gets that far.
+    """Decide the sign of the optimal margin, with a bound that is some way from zero: t > quality m, or m < quality t.
 
     `start` is the solution of a problem with fewer unknowns, and the place there of every unknown here (-1: it is new).
     The run is ROUGH when the bounds are within `gap` of their first distance, or mu has fallen to `fall` of its start;
@@ -128,7 +128,7 @@ def solve(
     try:
         for count in range(iterations):
             log.append(f"{count:3d}  t = {state.t: .3e}  m = {state.m: .3e}  mu = {state.mu:.1e}")
-            if state.m < -NOISE * first and state.is_dual_feasible:
+            if state.m < min(quality * state.t, -NOISE * first) and state.is_dual_feasible:
                 status = Status.INFEASIBLE
                 break
             if state.t > max(quality * state.m, 0.0):

@@ -7,7 +7,7 @@ from math import gcd, lcm
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 
-MAX_RAYS = 2000  # met on the way: a cone in 9 dimensions cut out by 64 forms could have millions
+MAX_RAYS = 2000  # met on the way: a cone in 9 dimensions cut out by 128 forms could have millions
 
 Vector = tuple[int, ...]
 

@@ -14,7 +14,7 @@ from persid_check.results import FormatError
 FORMAT = "persid-certificate-1"
 MAX_BITS = 2048  # of a mantissa
 MAX_EXPONENT = 2000
-MAX_FORMS = 64  # per group
+MAX_FORMS = 128  # per group
 MAX_ENTRIES = 2500  # of z
 MAX_FACTOR_BITS = 512  # of an entry of T
 
