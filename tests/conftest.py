@@ -1,9 +1,15 @@
 """Every test runs with the shapes in persid's signatures checked: jaxtyping's hook with beartype."""
 
+import json
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from jaxtyping import install_import_hook
+
+if TYPE_CHECKING:
+    from persid.certify import Undecided
 
 install_import_hook(["persid"], "beartype.beartype")
 
@@ -16,3 +22,34 @@ def measurements() -> Path:
     if not _DATA.is_dir():
         pytest.skip("the real measurements (../shared/data) are not on this machine")
     return _DATA
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to work in, with a short file of measurements and two models."""
+    from commands import MODEL, TRAFFIC, UNSTABLE
+
+    monkeypatch.chdir(tmp_path)
+    rows = TRAFFIC.read_text().splitlines()[:301]
+    (tmp_path / "data.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "model.json").write_text(json.dumps(MODEL))
+    (tmp_path / "unstable.json").write_text(json.dumps(UNSTABLE))
+    return tmp_path
+
+
+@pytest.fixture
+def undecided(monkeypatch: pytest.MonkeyPatch) -> "Undecided":
+    """Certification that is quick and always undecided, for a fit under the certificate too."""
+    from commands import free_fit_only
+    from persid.certify import Attempt, Reason, Undecided
+
+    verdict = Undecided(Reason.STALLED, "Try more ridge.", (Attempt("a look", "stalled", 0.5),))
+    monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
+    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
+    return verdict
+
+
+@pytest.fixture
+def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report without figures, where a test is about something else."""
+    monkeypatch.setattr("persid.report.write_report", lambda results, stage: (stage / "report.html").write_text("page"))

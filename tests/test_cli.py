@@ -7,71 +7,17 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import persid as ps
-from persid import certify as _  # noqa: F401  (the module is loaded, so that the name below can be patched)
-from persid import cli, fit_commands, folder, talk
-from persid.certificate import plain_model
-from persid.certify import Attempt, Certified, Reason, Refuted, Undecided
-from persid.constrained import Delivery
-
-ROOT = Path(__file__).resolve().parents[1]
-TRAFFIC = ROOT / "examples" / "traffic.csv"
-VALID = ROOT / "tests" / "certificates" / "valid"
-MODEL = {
-    "format": "persid-model-1", "states": ["x1", "x2"], "inputs": ["u"],
-    "A0": [[-1, 0.5], [0.5, -2]], "terms": [{"f": "tanh(x)", "R": None, "A": [[-1, 0], [0, -1]]}],
-    "B": [[1], [0]],
-}  # fmt: skip
-UNSTABLE = MODEL | {"A0": [[0.5, 1], [-1, 0.5]], "terms": []}
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to work in, with a short file of measurements and two models."""
-    monkeypatch.chdir(tmp_path)
-    rows = TRAFFIC.read_text().splitlines()[:301]
-    (tmp_path / "data.csv").write_text("\n".join(rows) + "\n")
-    (tmp_path / "model.json").write_text(json.dumps(MODEL))
-    (tmp_path / "unstable.json").write_text(json.dumps(UNSTABLE))
-    return tmp_path
-
-
-def free_fit_only(fit: Any, verdict: Any, *more: Any, **how: Any) -> Delivery:
-    """Deliver the free fit, where a test is about a verdict that a fit under the certificate would avoid."""
-    return Delivery(fit.model_, verdict)
-
-
-@pytest.fixture
-def undecided(monkeypatch: pytest.MonkeyPatch) -> Undecided:
-    """Certification that is quick and always undecided, for a fit under the certificate too."""
-    verdict = Undecided(Reason.STALLED, "Try more ridge.", (Attempt("a look", "stalled", 0.5),))
-    monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
-    return verdict
-
-
-@pytest.fixture
-def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A report without figures, where a test is about something else."""
-    monkeypatch.setattr("persid.report.write_report", lambda results, stage: (stage / "report.html").write_text("page"))
-
-
-RUN = ["run", "data.csv", "--states", "x1,x2", "--inputs", "u", "-o", "out"]
-IDENTIFY = ["identify", "data.csv", "--states", "x1,x2", "--inputs", "u", "-o", "m.json"]
-
-
-def files(path: Path) -> set[str]:
-    """Return the names of all files below a folder."""
-    return {str(file.relative_to(path)) for file in path.rglob("*") if file.is_file()}
+from commands import MODEL, ROOT, RUN, TRAFFIC, VALID, files, raising
+from persid import cli, fit_commands, talk
+from persid.certify import Reason, Undecided
 
 
 def test_no_arguments_show_the_path_in_five_lines(capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,104 +45,6 @@ def test_every_help_has_an_example_that_parses(name: str, capsys: pytest.Capture
     cli.persid.commands[name].make_context(name, words)
 
 
-def test_run_certifies_and_delivers(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A run on measurements ends with the verdict and the paths of the report and the checked certificate."""
-    assert cli.main([*RUN, "--ridge", "0.05", "--functions", "x,tanh(x)", "--time-limit", "5"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    names = [line.split()[0] for line in lines if not line.startswith(" ")]
-    assert names[-4:] == ["verdict", "but", "report", "certificate"]  # its free run is worse than the mean
-    assert any("the proof is about the model, not about the plant" in line for line in lines)
-    assert {"model.json", "certificate.json", "report.html", "run.json", "figures/free-run-1.png"} <= files(
-        here / "out"
-    )
-    assert ps.check("out/certificate.json", "out/model.json") == ps.check(ps.load_certificate("out/certificate.json"))
-    assert isinstance(ps.check("out/certificate.json"), ps.Accepted)
-
-
-def test_run_undecided_says_why(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
-    """An undecided run exits with 3, leaves obstruction.json with the attempts, and removes a stale certificate."""
-    (here / "out" / "figures").mkdir(parents=True)
-    (here / "out" / "certificate.json").write_text("stale")
-    (here / "out" / "figures" / "level-sets-1-2.png").write_text("stale")
-    (here / "out" / "mine.txt").write_text("mine")
-    assert cli.main(RUN) == 3
-    assert "undecided: The solver stalled" in capsys.readouterr().out
-    found = files(here / "out")
-    assert "certificate.json" not in found
-    assert "figures/level-sets-1-2.png" not in found
-    assert {"mine.txt", "obstruction.json"} <= found
-    content = json.loads((here / "out" / "obstruction.json").read_text())
-    assert content["reason"] == "STALLED"
-    assert content["attempts"] == [{"what": "a look", "outcome": "stalled", "seconds": 0.5}]
-    assert content["model_sha256"] == ps.load_model("out/model.json").sha256
-
-
-@pytest.mark.usefixtures("plain_page")
-def test_run_json_is_one_object(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
-    """--json prints exactly one object on stdout, with the keys that were promised."""
-    assert cli.main([*RUN, "--json"]) == 3
-    content = json.loads(capsys.readouterr().out)
-    keys = {"verdict", "claim", "scope", "operating_point", "reason", "rate", "gain", "seconds"}
-    assert keys <= set(content)
-    assert content["verdict"] == "undecided"
-    assert Path(content["files"]["report"]).is_file()
-
-
-@pytest.mark.usefixtures("plain_page")
-def test_quiet_prints_nothing(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
-    """--quiet leaves stdout and stderr empty; the exit code speaks."""
-    assert cli.main([*RUN, "--quiet"]) == 3
-    assert capsys.readouterr() == ("", "")
-
-
-def test_report_is_rebuilt(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
-    """persid report builds the same page again from the files of a run."""
-    cli.main(RUN)
-    page = (here / "out" / "report.html").read_text()
-    (here / "out" / "report.html").unlink()
-    assert cli.main(["report", "out"]) == 0
-    assert (here / "out" / "report.html").read_text() == page
-
-
-def test_report_without_measurements(here: Path, undecided: Undecided) -> None:
-    """Where the measurements have changed since, the report is rebuilt without them and says so."""
-    cli.main(RUN)
-    (here / "data.csv").write_text("t,x1\n0,1\n")
-    assert cli.main(["report", "out"]) == 0
-    assert "no longer where they were, or have changed" in (here / "out" / "report.html").read_text()
-
-
-@pytest.mark.usefixtures("plain_page")
-def test_report_refuses_a_foreign_model(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder whose files speak of different models is refused."""
-    cli.main(RUN)
-    (here / "out" / "model.json").write_text(json.dumps(MODEL))
-    assert cli.main(["report", "out"]) == 2
-    assert "another model" in capsys.readouterr().err
-
-
-def test_certificate_of_run_is_checked_again(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """persid report refuses a folder whose certificate has been tampered with."""
-    source = json.loads((VALID / "g_full.json").read_text())
-    (here / "out").mkdir()
-    certificate = ps.load_certificate(VALID / "g_full.json")
-    certificate.model.save(here / "out" / "model.json")
-    (here / "out" / "certificate.json").write_text(json.dumps(source | {"gamma": [1, -60]}))
-    assert cli.main(["report", "out"]) == 2
-    assert "does not accept" in capsys.readouterr().err
-    (here / "out" / "certificate.json").write_bytes(certificate.data)
-    assert cli.main(["report", "out"]) == 0
-
-
-def test_identify_writes_the_model(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """persid identify writes the model that the Python interface finds."""
-    assert cli.main([*IDENTIFY, "--ridge", "0.01", "--functions", "x, tanh(x); x"]) == 0
-    data = ps.read_csv("data.csv", states=["x1", "x2"], inputs=["u"])
-    model = ps.PersidskiiIdentifier(functions=[["x", "tanh(x)"], ["x"]], ridge=0.01).fit(data).model_
-    assert ps.load_model("m.json").sha256 == model.sha256
-    assert "d(x1)/dt = " in capsys.readouterr().out
-
-
 def test_certify_and_check(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What persid certify writes, persid check accepts, for that model and no other."""
     assert cli.main(["certify", "model.json", "-o", "c.json", "--json"]) == 0
@@ -216,46 +64,6 @@ def test_refuted_exits_with_one(here: Path, capsys: pytest.CaptureFixture[str]) 
     assert "claim refuted" in capsys.readouterr().out
 
 
-def test_run_refuted(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A refuted run leaves witness.json and a report that shows the checker's words; it can be rebuilt."""
-    verdict = ps.certify(ps.load_model("unstable.json"))
-    assert isinstance(verdict, Refuted)
-    monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
-    monkeypatch.setattr(fit_commands, "_identify", _identified("unstable.json"))
-    assert cli.main(RUN) == 1
-    assert "witness.json" in files(here / "out")
-    assert "is not input-to-state stable" in (here / "out" / "report.html").read_text()
-    assert cli.main(["report", "out"]) == 0
-
-
-def _identified(path: str) -> Callable[..., Any]:
-    def identify(measured: ps.Trajectories, **how: Any) -> Any:
-        fit = ps.PersidskiiIdentifier(functions=how["functions"], ridge=0.01).fit(measured)
-        fit.model_ = ps.load_model(path)
-        return fit
-
-    return identify
-
-
-def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Where no certificate of the family exists, the proof of that is delivered, checked, and shown again."""
-    data = (VALID / "infeasible_full.json").read_bytes()
-    form = json.loads(data)["model"]
-    (here / "m.json").write_text(json.dumps(plain_model(form)))
-    obstruction = ps.Obstruction(data, ps.check(VALID / "infeasible_full.json").statement)  # type: ignore[union-attr]
-    verdict = Undecided(Reason.INFEASIBLE, "", (), obstruction)
-    monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
-    monkeypatch.setattr(fit_commands, "_identify", _identified("m.json"))
-    (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
-    words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]
-    assert cli.main(words) == 3
-    assert cli.main(["check", "out/infeasible.json"]) == 0
-    assert "python -m persid_check infeasible.json" in (here / "out" / "report.html").read_text()
-    assert cli.main(["report", "out"]) == 0
-
-
 def test_several_models(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of several models each gets a file of its own, and one refuted makes the exit code 1."""
     assert cli.main(["certify", "model.json", "unstable.json", "-o", "c.json", "--json"]) == 1
@@ -270,16 +78,6 @@ def test_models_of_one_name_are_refused(here: Path) -> None:
     (here / "other" / "model.json").write_text(json.dumps(MODEL))
     assert cli.main(["certify", "model.json", "other/model.json", "-o", "c.json"]) == 2
     assert "c.json" not in {name for name in files(here)}
-
-
-def test_undecided_keeps_only_a_certificate_of_this_model(here: Path, undecided: Undecided) -> None:
-    """An undecided certify removes a certificate of another model under its name, and keeps one of this model."""
-    (here / "c.json").write_bytes((VALID / "g_full.json").read_bytes())
-    assert cli.main(["certify", "model.json", "-o", "c.json"]) == 3
-    assert not (here / "c.json").exists()
-    (here / "c.json").write_text(json.dumps({"model_sha256": ps.load_model("model.json").sha256}))
-    assert cli.main(["certify", "model.json", "-o", "c.json"]) == 3
-    assert (here / "c.json").exists()
 
 
 @pytest.mark.parametrize(
@@ -343,58 +141,6 @@ def test_simulate_errors(here: Path, words: list[str], message: str, capsys: pyt
     assert not (here / "r.csv").exists()
 
 
-BROKEN = {
-    "missing column": ("t,x1,u\n0,1,0\n1,2,0\n", "there is no column 'x2'"),
-    "repeated time": ("t,x1,x2,u\n0,1,1,0\n0,2,2,0\n1,2,2,0\n", "row 3, column 't': time 0.0 is repeated"),
-    "unsorted time": ("t,x1,x2,u\n1,1,1,0\n0,2,2,0\n", "row 3, column 't'"),
-    "NaN": ("t,x1,x2,u\n0,1,nan,0\n1,2,2,0\n", "row 2, column 'x2'"),
-    "empty cell": ("t,x1,x2,u\n0,1,1,0\n1,,2,0\n", "row 3, column 'x1'"),
-    "infinity": ("t,x1,x2,u\n0,1,1,0\n1,inf,2,0\n", "row 3, column 'x1'"),
-    "no number": ("t,x1,x2,u\n0,1,1,0\n1,2,two,0\n", "row 3, column 'x2'"),
-    "too few rows": ("t,x1,x2,u\n0,1,1,0\n", "at least 2"),
-    "underdetermined": ("t,x1,x2,u\n0,1,1,0\n1,2,2,0\n2,3,1,1\n", ""),
-    "no time": ("x1,x2,u\n1,1,0\n2,2,0\n", "--time"),
-    "ragged": ("t,x1,x2,u\n0,1,1,0,9\n1,2,2,0,9\n", "columns"),
-    "semicolons": ("t;x1;x2;u\n0;1;1;0\n", "comma"),
-    "empty file": ("", "empty"),
-    "no text": ("\xff\xfe\x00", "UTF-8"),
-}
-
-
-@pytest.mark.parametrize("what", BROKEN)
-@pytest.mark.parametrize("command", [RUN, IDENTIFY], ids=["run", "identify"])
-def test_broken_measurements(here: Path, what: str, command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Broken measurements give exit code 2, an error that names the place, and no output at all."""
-    text, message = BROKEN[what]
-    (here / "data.csv").write_text(text, encoding="latin-1")
-    before = files(here)
-    assert cli.main(command) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("error: ")
-    assert message in err
-    assert "Traceback" not in err
-    assert files(here) == before
-    assert not (here / "out").exists()
-
-
-def test_gaps_are_reported(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
-    """A gap splits the run, and the table and the report say so."""
-    rows = TRAFFIC.read_text().splitlines()
-    (here / "data.csv").write_text("\n".join([*rows[:200], *rows[400:700]]) + "\n")
-    assert cli.main(RUN) == 3
-    assert "a gap of" in capsys.readouterr().out
-    page = (here / "out" / "report.html").read_text()
-    assert "a new trajectory starts there" in page
-
-
-def test_stray_blanks_are_reported(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Names with stray blanks are matched, and said so."""
-    (here / "data.csv").write_text((here / "data.csv").read_text().replace("t,x1,x2,u", "t, x1 ,x2, u"))
-    assert cli.main(IDENTIFY) == 0
-    assert "blanks around the names" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -455,17 +201,10 @@ def test_malformed_models(here: Path, content: str, command: str, capsys: pytest
     assert "m.json" in capsys.readouterr().err
 
 
-def _raising(error: BaseException) -> Callable[..., Any]:
-    def fail(*args: Any, **how: Any) -> Any:
-        raise error
-
-    return fail
-
-
 @pytest.mark.parametrize("place", ["persid.folder.read_measurements", "persid.report.write_report"])
 def test_interruption(here: Path, undecided: Undecided, place: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C gives exit code 130 and leaves nothing, whenever it comes."""
-    monkeypatch.setattr(place, _raising(KeyboardInterrupt()))
+    monkeypatch.setattr(place, raising(KeyboardInterrupt()))
     before = files(here)
     assert cli.main(RUN) == 130
     assert files(here) == before
@@ -481,7 +220,7 @@ def test_interruption_of_the_search(here: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_internal_error(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """An unexpected exception gives exit code 4, one line, and a traceback only with --debug."""
-    monkeypatch.setattr(fit_commands, "_identify", _raising(ZeroDivisionError("by zero")))
+    monkeypatch.setattr(fit_commands, "_identify", raising(ZeroDivisionError("by zero")))
     assert cli.main(RUN) == 4
     err = capsys.readouterr().err
     assert "ZeroDivisionError: by zero" in err
@@ -495,16 +234,6 @@ def test_json_errors_are_objects(here: Path, capsys: pytest.CaptureFixture[str])
     """With --json an error is the one object on stdout, too."""
     assert cli.main(["run", "absent.csv", "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["exit_code"] == 2
-
-
-@pytest.mark.usefixtures("plain_page")
-def test_full_disk(here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that is full while the results are written leaves the older results as they were."""
-    cli.main(RUN)
-    before = {name: (here / "out" / name).read_bytes() for name in files(here / "out")}
-    monkeypatch.setattr("persid.folder.write_atomically", _raising(OSError(28, "No space left on device", "out")))
-    assert cli.main(RUN) == 2
-    assert {name: (here / "out" / name).read_bytes() for name in files(here / "out")} == before
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -564,106 +293,6 @@ def test_colour(variable: str, coloured: bool, monkeypatch: pytest.MonkeyPatch) 
     assert ("\x1b" in talk.paint("certified: yes")) == coloured
 
 
-def _cut(path: Path) -> None:
-    """Deliver half of the files, then fail."""
-    with folder.delivery(path, ["*.json"]) as stage:
-        (stage / "new.json").write_text("half")
-        raise RuntimeError
-
-
-def test_delivery_is_all_or_nothing(tmp_path: Path) -> None:
-    """A delivery that fails leaves an existing folder as it was, and creates none."""
-    (tmp_path / "old.json").write_text("old")
-    with pytest.raises(RuntimeError):
-        _cut(tmp_path)
-    assert files(tmp_path) == {"old.json"}
-    with pytest.raises(RuntimeError):
-        _cut(tmp_path / "a" / "b")
-    assert not (tmp_path / "a").exists()
-    with folder.delivery(tmp_path, ["*.json"]) as stage:
-        (stage / "new.json").write_text("new")
-    assert files(tmp_path) == {"new.json"}
-
-
-@pytest.mark.usefixtures("plain_page")
-def test_record_keeps_odd_numbers(here: Path, undecided: Undecided) -> None:
-    """The record of a run reads back as it was written, infinite figures included."""
-    cli.main(RUN)
-    path = here / "out" / "run.json"
-    content = json.loads(path.read_text())
-    content["fit"]["condition_raw"] = {"float": "inf"}
-    path.write_text(json.dumps(content))
-    record = folder.read_results(here / "out").record
-    assert record is not None
-    assert record.fit is not None
-    assert record.fit.condition_raw == float("inf")
-    folder.write_record(here, record)
-    assert json.loads((here / "run.json").read_text()) == content
-
-
-def test_summary_of_rates() -> None:
-    """The brief of claim E names the rate and the gain that the checker states."""
-    from persid.summary import summarize
-
-    brief = summarize(Certified(ps.load_certificate(VALID / "e_mixed_pair.json")))
-    assert brief.rate == 0.25
-    assert brief.gain == pytest.approx(2.13472, rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("number", "low", "high"), [(0.157451, "0.1574", "0.1575"), (2.0, "2", "2"), (0.125, "0.125", "0.125")]
-)
-def test_shown_bounds_are_rounded_outwards(number: float, low: str, high: str) -> None:
-    """A shown rate is rounded down, a shown gain up; exact numbers stay."""
-    from persid.summary import above, below
-
-    assert float(below(number)) <= number <= float(above(number))
-    assert float(below(number)) == pytest.approx(float(low), rel=1e-9)
-    assert float(above(number)) == pytest.approx(float(high), rel=1e-3)
-
-
-@pytest.mark.parametrize("engine", ["chunks", "dask"])
-def test_identify_from_a_pattern(here: Path, engine: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Files of a pattern are read chunk by chunk, and the model is that of the data in memory."""
-    (here / "many").mkdir()
-    for k in range(3):
-        pd.read_csv("data.csv").to_parquet(here / f"many/{k}.parquet")
-    words = ["--states", "x1,x2", "--inputs", "u", "--ridge", "0.01"]
-    assert cli.main(["identify", "many/*.parquet", *words, "--engine", engine, "-o", "a.json"]) == 0
-    assert "3 runs, 900 samples" in capsys.readouterr().out
-    assert cli.main(["identify", "many", *words, "-o", "b.json"]) == 0
-    one, other = ps.load_model("a.json"), ps.load_model("b.json")
-    assert np.allclose(one.A0, other.A0, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--scheduler", "tcp://127.0.0.1:1"],
-        ["--engine", "chunks", "--scheduler", "tcp://127.0.0.1:1"],
-        ["--run-column", "who"],
-        ["--engine", "chunks", "--derivatives"],
-        ["--engine", "chunks", "--method", "derivative"],
-        ["--method", "guess"],
-    ],
-)
-def test_wrong_engines(here: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Engines and methods that do not go together are wrong use."""
-    assert cli.main([*IDENTIFY, *words]) == 2
-    assert capsys.readouterr().err.startswith("error: ")
-    assert not (here / "m.json").exists()
-
-
-@pytest.mark.parametrize(("method", "more"), [("derivative", []), ("edmd", []), ("weak", ["--derivatives"])])
-def test_methods(here: Path, method: str, more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """--method and --derivatives are those of the Python interface."""
-    words = [*IDENTIFY, "--functions", "x", "--ridge", "0.01", "--method", method, *more, "--json"]
-    assert cli.main(words) == 0
-    fit = ps.PersidskiiIdentifier(["x"], method=method, ridge=0.01, derivatives=len(more))
-    model = fit.fit(ps.read_csv("data.csv", states=["x1", "x2"], inputs=["u"])).model_
-    assert json.loads(capsys.readouterr().out)["sha256"] == model.sha256
-
-
 def test_explain_prints_every_attempt(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """--explain prints what was tried, how it ended and the seconds, for people and for programs."""
     assert cli.main(["certify", "model.json", "-o", "c.json", "--explain"]) == 0
@@ -712,16 +341,6 @@ def test_an_interrupted_batch_keeps_what_is_done(
     assert "1 of 3 models were decided" in capsys.readouterr().err
     assert isinstance(ps.check("model.c.json", "model.json"), ps.Accepted)
     assert not (here / "second.c.json").exists()
-
-
-def test_bootstrap_command(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """persid bootstrap writes the share that is certified with the spread of rates, gains and coefficients."""
-    words = ["bootstrap", "data.csv", "--states", "x1,x2", "--inputs", "u", "--functions", "x", "--ridge", "0.01"]
-    assert cli.main([*words, "--count", "3", "--time-limit", "10", "-o", "b.json", "--json"]) == 0
-    printed, written = json.loads(capsys.readouterr().out), json.loads(Path("b.json").read_text())
-    assert printed == written | {"file": "b.json"}
-    assert (written["format"], written["refits"], len(written["terms"])) == ("persid-bootstrap-1", 3, 4)
-    assert np.shape(written["deviations"]) == np.shape(written["coefficients"]) == (2, 4)
 
 
 @pytest.mark.parametrize(("shell", "mark"), [("bash", "complete -o"), ("zsh", "#compdef persid"), ("fish", "complete")])

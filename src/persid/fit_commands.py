@@ -17,6 +17,7 @@ from persid.options import (
     fitting,
     proving,
     reading,
+    refining,
     resampling,
     talking,
     where,
@@ -32,13 +33,14 @@ if TYPE_CHECKING:
 @MEASUREMENTS
 @reading
 @fitting
+@refining
 @proving
 @click.option("--select", type=click.Choice(["auto"]), help="Search for functions and scales that certify.")
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
-    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, operating_point: Any, u_op: Any, domain: str,
-    time_limit: float, select: str | None, output: Path, as_json: bool, quiet: bool, **how: Any,
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
+    domain: str, time_limit: float, select: str | None, output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -68,7 +70,7 @@ def run(
         data = tuple(files_of(data))
         measured = folder.read_measurements(data, **how)
         progress("identifying the model")
-        fit = _identify(measured, functions=functions, ridge=ridge, method=method)
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
@@ -91,13 +93,14 @@ def run(
 @MEASUREMENTS
 @reading
 @fitting
+@refining
 @click.option("--derivatives", is_flag=True, help="Append smoothed velocities to the states.")
 @where
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
 @talking
 def identify(
-    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, derivatives: bool, output: Path, as_json: bool,
-    quiet: bool, **how: Any,
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, derivatives: bool, output: Path,
+    as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify a generalized Persidskii model from measurements.
 
@@ -117,7 +120,8 @@ def identify(
         progress("reading the measurements")
         measured = _measurements(data, progress=progress, **how)
         progress("identifying the model")
-        fit = _identify(measured, functions=functions, ridge=ridge, method=method, derivatives=int(derivatives))
+        options = {"functions": functions, "ridge": ridge, "method": method, "refine": refine}
+        fit = _identify(measured, **options, derivatives=int(derivatives))
     output.parent.mkdir(parents=True, exist_ok=True)
     fit.model_.save(output)
     text = equations(fit.model_)

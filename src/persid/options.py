@@ -99,6 +99,10 @@ fitting = together(
     click.option("--method", type=click.Choice(["weak", "derivative", "edmd"]), default="weak", show_default=True,
                  help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
 )  # fmt: skip
+refining = together(
+    click.option("--refine", is_flag=True,
+                 help="Continue from that fit by free runs over pieces of the data: slower, often closer."),
+)  # fmt: skip
 where = together(
     click.option("--engine", type=click.Choice(["memory", "chunks", "dask"]), default="memory", show_default=True,
                  help="All data in memory; chunk by chunk in this process; or chunk by chunk on Dask."),
