@@ -15,8 +15,8 @@ from pathlib import Path
 from children import RESULTS, THREADS
 
 NAMES = (
-    "speed", "power", "agreement", "scaling", "verdicts", "networks", "out_of_core", "peers_identification", "peers_accuracy",
-    "admits_failure", "growth", "pictures",
+    "speed", "power", "agreement", "scaling", "verdicts", "networks", "out_of_core", "peers_identification",
+    "peers_accuracy", "admits_failure", "growth", "pictures",
 )  # fmt: skip
 
 

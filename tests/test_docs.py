@@ -1,7 +1,6 @@
 """The documentation: every snippet runs and prints what the page says; every page can be reached."""
 
 import contextlib
-import importlib.util
 import io
 import json
 import re
@@ -10,8 +9,8 @@ import shutil
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 
+import benchmark_tables
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pytest
@@ -160,19 +159,9 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert [target for target in targets if not (page.parent / target).exists()] == []
 
 
-def tables() -> ModuleType:
-    """Return the hook that puts the results of benchmarks into their page."""
-    spec = importlib.util.spec_from_file_location("benchmark_tables", DOCS / "benchmark_tables.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_benchmarks_show_every_file() -> None:
     """The page of benchmarks has a section for every file of results, and every single value is in it."""
-    text = tables().on_page_markdown((DOCS / "benchmarks.md").read_text(encoding="utf-8"))
+    text = benchmark_tables.on_page_markdown((DOCS / "benchmarks.md").read_text(encoding="utf-8"))
     for path in (ROOT / "benchmarks" / "results").glob("*.json"):
         assert f"results/{path.name}`" in text
 
@@ -181,7 +170,7 @@ def test_benchmark_tables_hold_any_record(tmp_path: Path) -> None:
     """Records with different fields, nested values and bars become one table without a broken row."""
     rows = [{"n": 1, "seconds": 0.123456}, {"n": 2, "why": "a | b", "nested": {"x": [1.0, None]}}]
     (tmp_path / "some_name.json").write_text(json.dumps({"runs": rows, "version": "1.0", "empty": []}))
-    text = tables().results(tmp_path)
+    text = benchmark_tables.results(tmp_path)
     assert "| 1 | 0.1235 | — | — |" in text
     assert "| 2 | — | a \\| b | x: 1, — |" in text
     assert (

@@ -127,14 +127,9 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | Non
             x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
     except np.linalg.LinAlgError:
         return None
-    if not np.isfinite(x).all():
-        return None
-    residual = np.abs(flow(x / units)).max()
-    return (
-        x
-        if residual <= 1e-9 * (1 + np.abs(slopes(x / units)).max() * np.abs((x - model.x_ref) / units).max())
-        else None
-    )
+    residual = np.abs(model.rhs(x, u) / units).max()
+    size = np.abs(model.jacobian(x) * units / units[:, None]).max() * np.abs((x - model.x_ref) / units).max()
+    return x if residual <= 1e-9 * (1 + size) < np.inf else None  # neither NaN nor infinity is an equilibrium
 
 
 def _bounded(values: ndarray) -> ndarray:
