@@ -392,3 +392,16 @@ def test_a_run_delivers_both_fits_side_by_side(tmp_path, monkeypatch, capsys):
     assert [fit["verdict"] for fit in kept["fits"]] == ["undecided", "certified"]
     answer = persid_check.check(tmp_path / "out" / "certificate.json", tmp_path / "out" / "model.json")
     assert isinstance(answer, persid_check.Accepted)
+
+
+def test_functions_that_end_need_a_region() -> None:
+    """A square root has no global certificate: that is said at once, without a search or a warning."""
+    t = np.linspace(0, 10, 200)
+    model = PersidskiiModel([[-1.0]], [("sqrt(x)", None, [[-0.5]])], [[1.0]])
+    data = model.simulate([2.0], t, 2 + np.sin(t)[:, None])
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "sqrt(x)"])).fit(data)
+    assert isinstance(fit.verdict_, Undecided)
+    assert fit.verdict_.reason is Reason.OUTSIDE
+    assert "sqrt(x)" in fit.stop_
+    assert 'scope="regional"' in fit.stop_
+    assert not fit.history_

@@ -36,6 +36,7 @@ from persid.frame import Demand
 from persid.identify import PersidskiiIdentifier
 from persid.model import PersidskiiModel
 from persid.refine import Pieces
+from persid.setting import undefined
 from persid.starts import Line, Result, Task, best_certified, certificate_of, sketch
 from persid.threads import few_threads
 from persid.trajectories import Trajectories
@@ -154,12 +155,15 @@ class CertifiedIdentifier(BaseEstimator):
         data = self.free_._known(X, **given)
         began = time.perf_counter()
         deadline = began + self.time_limit
-        with few_threads(self.free_.model_.n):
-            self.table_ = self._candidates(data, deadline) if y is None else ()
-            result, history, chosen = self._final(X, y, given, data, self.table_, deadline)
+        outside = undefined(self.free_.model_) if self.scope == "global" and self.select is None else ()
+        self.table_, result, history, chosen = (), None, (), Choice(None, self.free_.ridge_)
+        if not outside:
+            with few_threads(self.free_.model_.n):
+                self.table_ = self._candidates(data, deadline) if y is None else ()
+                result, history, chosen = self._final(X, y, given, data, self.table_, deadline)
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
-        self._deliver(result, data, seconds)
+        self._deliver(result, data, seconds, outside)
         return self
 
     def _final(
@@ -266,7 +270,7 @@ class CertifiedIdentifier(BaseEstimator):
         strengths = [max(self.free_.ridge_ * share, LEAST_RIDGE) for share in RIDGES]
         return list(dict.fromkeys(strengths)) if n <= TRIED_STATES else [self.free_.ridge_]
 
-    def _deliver(self, result: Result | None, data: Trajectories, seconds: float) -> None:
+    def _deliver(self, result: Result | None, data: Trajectories, seconds: float, outside: tuple[str, ...]) -> None:
         attempts = tuple(
             Attempt(f"fit, {line.start}", "certified" if line.certified else line.stop, line.seconds)
             for line in self.history_
@@ -280,6 +284,8 @@ class CertifiedIdentifier(BaseEstimator):
         if result is None:
             self.stop_ = "No certified model was found; model_ is the free fit, which has no certificate."
             reason = Reason.TIME if seconds >= self.time_limit else Reason.STALLED  # nothing is proved by finding none
+            if outside:
+                reason, self.stop_ = Reason.OUTSIDE, f"{_UNDEFINED.format('; '.join(outside[:4]))} {self.stop_}"
             self.verdict_: Verdict = Undecided(reason, self.stop_, attempts)
         else:
             self.stop_ = "" if best is None else best.stop
@@ -316,6 +322,12 @@ class CertifiedIdentifier(BaseEstimator):
         """Return the R2 of free runs over all runs, the mean over states; y is ignored."""
         check_is_fitted(self, "model_")
         return freerun.free_run_score(self.model_, self.free_._known(X, u, t, dt), self.free_.hold).r2_mean
+
+
+_UNDEFINED = (
+    "It is not proved that {} is defined and continuous for all states, which a global claim needs; ask for a region: "
+    'scope="regional".'
+)
 
 
 def _fixed(fixed: Mapping[tuple[str, str], float | int] | None, fitted: Any) -> Float[ndarray, "p n"]:
