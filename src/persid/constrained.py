@@ -156,11 +156,10 @@ class CertifiedIdentifier(BaseEstimator):
         began = time.perf_counter()
         deadline = began + self.time_limit
         outside = undefined(self.free_.model_) if self.scope == "global" and self.select is None else ()
-        self.table_, result, history, chosen = (), None, (), Choice(None, self.free_.ridge_)
-        if not outside:
-            with few_threads(self.free_.model_.n):
-                self.table_ = self._candidates(data, deadline) if y is None else ()
-                result, history, chosen = self._final(X, y, given, data, self.table_, deadline)
+        with few_threads(self.free_.model_.n):
+            self.table_ = () if outside or y is not None else self._candidates(data, deadline)
+            found = None if outside else self._final(X, y, given, data, self.table_, deadline)
+        result, history, chosen = found or (None, (), Choice(None, self.free_.ridge_))
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
         self._deliver(result, data, seconds, outside)
