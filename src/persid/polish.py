@@ -6,6 +6,9 @@ in the descent, held near the current coefficients by the regression's matrix (L
 
     f(v) = n |r + J (v - w)|^2 / (2 |r|^2) + damping (v - w)'M (v - w) / 2
 
+M is made smaller where the regression is so sure that it would hold all coefficients still, as one is that has nothing
+left to explain (EDMD with as many columns as its model has).
+
 Noise in a regressor, which draws regressions towards wrong and often unstable coefficients, does no such harm here.
 """
 
@@ -43,6 +46,10 @@ class _Place:
         """The sum of the squared errors."""
         return float(self.errors @ self.errors)
 
+    def weight(self, M: Float[ndarray, "K K"], n: int) -> float:
+        """Return the largest share by which the errors weigh a coefficient, compared with a regression of matrix M."""
+        return float(n / self.cost * ((self.slopes**2).sum(axis=0) / np.maximum(np.diag(M), 1e-300)).max())
+
     def quadratic(self, damping: float, M: Float[ndarray, "K K"], n: int) -> Fit:
         """Return the quadratic that the next descent minimises."""
         scale = n / self.cost
@@ -70,10 +77,13 @@ def polish(
         return _Place(at, errors, slopes @ moved)
 
     here, damping, found = place(point), DAMPING, []
+    if not here.cost > 0:
+        return ()
+    M = frame.fit.M * min(1.0, here.weight(frame.fit.M, n))
     for _ in range(rounds):
         if left() <= 0 or damping > MOST_DAMPING or not here.cost > 0:
             break
-        aim = here.quadratic(damping, frame.fit.M, n)
+        aim = here.quadratic(damping, M, n)
         end = descend(frame.inequality, aim, here.point, tolerance=1e-2, time_limit=left(), steps=STEPS).point
         if end is None:
             break
