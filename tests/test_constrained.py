@@ -275,6 +275,7 @@ def test_delivered_fits_have_a_rate():
     assert made.verdict.certificate.claim == "E"
     assert made.verdict.certificate.content["model_sha256"] == made.model.sha256
     assert [fit["verdict"] for fit in made.comparison["fits"]] == ["undecided", "certified"]
+    assert made.comparison["free_model"] == free.model_.to_dict() != made.model.to_dict()
 
 
 def test_starts_from_afar():

@@ -159,6 +159,12 @@ def test_page_shows_the_spectrum_of_an_edmd_fit() -> None:
     assert f"{spectrum.values[0][0]:.4g}" in text
 
 
+def exploding(model: dict[str, Any]) -> dict[str, Any]:
+    """Return a model with an A0 that lets it blow up at once."""
+    n = len(model["states"])
+    return model | {"A0": (1e3 * np.eye(n)).tolist(), "terms": []}
+
+
 def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results) -> None:
     """Free fit, fit under the certificate and all candidates are told, whatever is recorded of these."""
     fits = [
@@ -171,7 +177,9 @@ def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results)
         {"functions": ["x"], "certified": False, "error": math.inf, "seconds": 0.5, "new_figure": 8.0},
     ]
     assert certified.record is not None
-    record = replace(certified.record, comparison={"fits": fits, "price": 2.0, "candidates": rows})
+    unstable = exploding(certified.model.to_dict())
+    compared = {"fits": fits, "price": 2.0, "candidates": rows, "free_model": unstable}
+    record = replace(certified.record, comparison=compared)
     text = report.render(replace(certified, record=record))
     words = (
         "2 times the free one",
@@ -180,6 +188,7 @@ def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results)
         "0.125",
         "2 of 3 candidate fits",
         "Values below 0 are drawn at 0",
+        "The free fit, which has no certificate (dotted), blows up at t = ",
     )
     assert [word for word in words if word not in text] == []
     assert {"fits", "candidates"} <= set(re.findall(r'id="(\w+)-figure_1"', text))

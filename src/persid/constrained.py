@@ -77,6 +77,7 @@ def deliver(
     compared = comparison(fit.report_, type(verdict).__name__.lower())
     if not isinstance(fit.verdict_, Certified):
         return Delivery(free.model_, verdict, compared)
+    compared["free_model"] = free.model_.to_dict()
     left = max(time_limit - (time.perf_counter() - began), RATING)
     return Delivery(fit.model_, rated(fit.model_, fit.verdict_, left, progress), compared)
 

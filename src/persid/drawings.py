@@ -130,25 +130,33 @@ def _count(count: int, what: str) -> str:
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
-def free_run(model: PersidskiiModel, run: FreeRun) -> Drawing:
-    """Draw the states of a run as measured and as simulated."""
+def free_run(model: PersidskiiModel, run: FreeRun, beside: FreeRun | None = None) -> Drawing:
+    """Draw the states of a run as measured and as simulated, and as the free fit has them where it is another model."""
     shown = model.states[:STATES]
     figure, axes = _stack(len(shown), 1.6)
     for i, (ax, name) in enumerate(zip(axes, shown, strict=True)):
-        plots.free_run(ax, run.measured, run.found, i, name)
+        plots.free_run(ax, run.measured, run.found, i, name, beside.found if beside else None)
         ax.set_xlabel("t in s" if i == len(shown) - 1 else "")
-    legend(figure, axes[:1], 2)
+    legend(figure, axes[:1], 3 if beside else 2)
     gone = run.found.diverged_at
     end = f"It blows up at t = {gone:.4g} s (marked)." if gone is not None else "It does not blow up."
     rows = f" (the first {SAMPLES} samples)" if len(run.measured) == SAMPLES else ""
     caption = (
         f"Run {run.number}{rows}: measured (blue, solid) and the model’s free run (red, dashed), which knows only the "
         f"first sample and the inputs. {end} RMSE {number(run.rmse)}, R² {number(run.r2)} (mean over states)."
-    )
+    ) + _other(beside)
     far = np.abs(run.measured.x[: len(run.found)] - run.found.x)
     apart = "; ".join(f"{name}: at most {number(far[:, i].max(), 2)} apart" for i, name in enumerate(shown))
     alt = f"Curves over time of {', '.join(shown)}, measured and simulated, run {run.number}. {apart}. {end}"
     return Drawing(f"free-run-{run.number}", figure, alt, caption)
+
+
+def _other(beside: FreeRun | None) -> str:
+    if beside is None:
+        return ""
+    gone = beside.found.diverged_at
+    end = f"blows up at t = {gone:.4g} s" if gone is not None else f"has RMSE {number(beside.rmse)}"
+    return f" The free fit, which has no certificate (dotted), {end}."
 
 
 def residuals(model: PersidskiiModel, run: FreeRun) -> Drawing:

@@ -64,10 +64,12 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
     model, data = results.model.dense(), results.data
     fit = results.record.fit if results.record else None
     compared = results.record.comparison if results.record else None
+    free = (compared or {}).get("free_model")
+    others = drawings.free_runs(PersidskiiModel.from_dict(free), data) if free else [None] * len(runs)
     x, u = _samples(data) if data else (np.zeros((0, model.n)), np.zeros((0, model.m)))
     return {
         "overview": [drawings.overview(data)] if data else [],
-        "free_run": [drawings.free_run(model, run) for run in runs],
+        "free_run": [drawings.free_run(model, *pair) for pair in zip(runs, others, strict=True)],
         "residuals": [drawings.residuals(model, run) for run in runs[:1]],
         "validation": drawings.validation(fit) if fit else [],
         "spectrum": drawings.spectrum(fit) if fit else [],

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -79,12 +80,23 @@ def gaps(runs: Trajectories) -> list[tuple[float, float]]:
     return found[:MOST_GAPS]
 
 
-def free_run(ax: Axes, measured: Trajectory, found: Trajectory, state: int, name: str = "x") -> Axes:
-    """Draw one state as measured and as the model predicts it from the first sample and the inputs; mark a blow-up."""
+FOUND: dict[str, Any] = {"color": MODEL, "lw": 1.3, "ls": DASHES, "label": "model, free run"}
+BESIDE: dict[str, Any] = {"color": FORM, "lw": 1.2, "ls": ":", "label": "free fit"}
+
+
+def free_run(
+    ax: Axes, measured: Trajectory, found: Trajectory, state: int, name: str = "x", beside: Trajectory | None = None
+) -> Axes:
+    """Draw one state as measured and as the model predicts it from the first sample and the inputs; mark a blow-up.
+
+    `beside` is the run of another model, such as the free fit beside one under the certificate.
+    """
     ax.plot(*thin(measured.t, measured.x[:, state]), color=MEASURED, lw=1.6, label="measured")
     low, high = span(measured.x[:, state], 0.6)
-    inside = np.clip(found.x[:, state], low - (high - low), high + (high - low))
-    ax.plot(*thin(found.t, inside), color=MODEL, lw=1.3, ls=DASHES, label="model, free run")
+    for run, look in ((beside, BESIDE), (found, FOUND)):
+        if run is not None:
+            inside = np.clip(run.x[:, state], low - (high - low), high + (high - low))
+            ax.plot(*thin(run.t, inside), **look)
     ax.set_ylim(*limits(measured.x[:, state], found.x[:, state]))
     if found.diverged_at is not None:
         blow_up(ax, found.diverged_at)
