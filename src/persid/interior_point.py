@@ -105,7 +105,7 @@ def solve(
     start: tuple[Solution, Int[ndarray, " J"]] | None = None,
     fence: Fence | None = None,
     time_limit: float = np.inf,
-    quality: float = 0.1,
+    quality: float = 0.05,
     gap: float = 1e-13,
     fall: float = 0.0,
     iterations: int = ITERATIONS,

@@ -27,6 +27,8 @@ from persid.pairs import (
 )
 
 SHARE = 0.95  # of the way to the boundary that a step goes
+CLOSELY, ROUGHLY = 0.02, 0.2  # relative errors of the way to the boundary, in a step and in its prediction
+LANCZOS_ORDER = 64  # from which the way to the boundary comes from Lanczos' method
 RIDGE = 1e-13  # added to the unit diagonal of the Schur complement; the next step corrects what it changes
 JOINING_SHARE = 0.5  # of the way to the boundary that unknowns go which join; also x_k over its size for a bad price
 
@@ -145,7 +147,10 @@ def _half(M: ndarray) -> ndarray:
     """Return L^-1, M = L L'; LinAlgError where M is not positive definite."""
     if not len(M):
         return M
-    return np.tril(sla.lapack.dtrtri(np.linalg.cholesky(M), lower=1)[0])  # trtrs would start threads at every size
+    factor, failed = sla.lapack.dpotrf(M, lower=1, clean=1)
+    if failed:
+        raise sla.LinAlgError("not positive definite")
+    return sla.lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]  # trtrs would start threads at every size
 
 
 def _inverse(half: ndarray) -> ndarray:
@@ -165,7 +170,7 @@ def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None)
     try:
         direction = _newton(state)
         predicted = direction(0.0, None)
-        a, b = _steps(state, predicted)
+        a, b = _steps(state, predicted, rough=True)
         gap = (
             np.vdot(state.X + a * predicted.X, state.Z + b * predicted.Z)
             + np.vdot(state.U + a * predicted.U, state.P + b * predicted.P)
@@ -240,21 +245,23 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     return direction
 
 
-def _steps(state: Iterate, d: _Direction) -> tuple[float, float]:
-    """Return the primal and the dual step length, a fixed share of the way to the boundary."""
+def _steps(state: Iterate, d: _Direction, rough: bool = False) -> tuple[float, float]:
+    """Return the primal and the dual step length, a fixed share of the way to the boundary; `rough`: untested."""
     X, U, Z, P = state.halves
     primal = min(1.0, SHARE * _ratio(state.x, d.x))
     dual = min(1.0, SHARE * _ratio(state.s, d.y[state.problem.free :]))
     for M, half, dM in ((state.X, X, d.X), (state.U, U, d.U)):
-        primal = _inside(M, half, dM, primal)
+        primal = _inside(M, half, dM, primal, rough)
     for M, half, dM in ((state.Z, Z, d.Z), (state.P, P, d.P)):
-        dual = _inside(M, half, dM, dual)
+        dual = _inside(M, half, dM, dual, rough)
     return primal, dual
 
 
-def _inside(M: ndarray, half: ndarray, dM: ndarray, a: float) -> float:
-    """Return a step of at most a that keeps M + a dM positive definite, and tests that it does."""
-    a = min(a, SHARE * _to_boundary(half, dM))
+def _inside(M: ndarray, half: ndarray, dM: ndarray, a: float, rough: bool) -> float:
+    """Return a step of at most a that keeps M + a dM positive definite, and tests that it does unless it is rough."""
+    a = min(a, SHARE * _to_boundary(half, dM, ROUGHLY if rough else CLOSELY))
+    if rough:
+        return a
     for _ in range(20):
         if _is_positive(M + a * dM):
             return a
@@ -267,29 +274,30 @@ def _ratio(v: ndarray, dv: ndarray) -> float:
     return float((-v[falling] / dv[falling]).min()) if falling.any() else np.inf
 
 
-def _to_boundary(half: ndarray, dM: ndarray) -> float:
-    """Return the largest a with M + a dM >= 0, to a few percent: from L^-1 dM L^-T, half = L^-1, M = L L'."""
+def _to_boundary(half: ndarray, dM: ndarray, tolerance: float = CLOSELY) -> float:
+    """Return the largest a with M + a dM >= 0, to a tolerance: from L^-1 dM L^-T, half = L^-1, M = L L'."""
     if not len(half):
         return np.inf
-    smallest = np.linalg.eigvalsh(half @ dM @ half.T)[0] if len(half) <= 64 else _lanczos_smallest(half, dM)
+    dense = len(half) <= LANCZOS_ORDER
+    smallest = np.linalg.eigvalsh(half @ dM @ half.T)[0] if dense else _lanczos_smallest(half, dM, tolerance)
     return -1 / float(smallest) if smallest < 0 else np.inf
 
 
-def _lanczos_smallest(half: ndarray, dM: ndarray, steps: int = 30) -> float:
+def _lanczos_smallest(half: ndarray, dM: ndarray, tolerance: float, steps: int = 30) -> float:
     """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
+    Q, alphas, betas = np.empty((steps + 1, len(dM))), np.empty(steps), np.empty(steps)
     v = np.random.default_rng(0).normal(size=len(dM))
-    basis, alphas, betas = [v / np.linalg.norm(v)], [], []
-    for step in range(steps):
-        w = half @ (dM @ (half.T @ basis[-1]))
-        alphas.append(float(w @ basis[-1]))
-        Q = np.array(basis)
-        w -= Q.T @ (Q @ w)
-        w -= Q.T @ (Q @ w)
-        betas.append(float(np.linalg.norm(w)))
-        if step >= 5 or betas[-1] < 1e-12:
-            values, vectors = sla.eigh_tridiagonal(alphas, betas[:-1])
-            residual = betas[-1] * abs(vectors[-1, 0])
-            if residual <= 0.02 * abs(values[0]) + 1e-9:
-                return float(values[0] - residual)
-        basis.append(w / betas[-1])
+    Q[0] = v / np.linalg.norm(v)
+    for k in range(steps):
+        w, known = half @ (dM @ (half.T @ Q[k])), Q[: k + 1]
+        alphas[k] = w @ Q[k]
+        w -= known.T @ (known @ w)
+        w -= known.T @ (known @ w)
+        betas[k] = np.linalg.norm(w)
+        if k % 3 == 2 or k == steps - 1 or betas[k] < 1e-12:
+            values, vectors, _ = sla.lapack.dstev(alphas[: k + 1], betas[:k])
+            residual = betas[k] * abs(vectors[-1, 0])
+            if residual <= tolerance * abs(values[0]) + 1e-9:
+                break
+        Q[k + 1] = w / betas[k]
     return float(values[0] - residual)

@@ -275,17 +275,23 @@ class Catalogue:
         return self._inward(X)
 
     def _inward(self, X: ndarray) -> ndarray:
-        """Return X less a multiple of I where its little I prices a product of the pools negatively."""
-        price, change = (
-            np.concatenate([np.zeros(0), *(rows[np.triu_indices(len(rows), 1)] for rows in self._product_prices(M))])
-            for M in (X, np.eye(self.width))
-        )
+        """Return X, less a multiple c of I where a product of the pools has no positive price otherwise."""
+        price = self._off_diagonal(X)
+        if (price > 0).all():
+            return X
+        change = self._off_diagonal(np.eye(self.width))
         falling, rising = change < 0, change > 0
         least = float((price[falling] / change[falling]).max(initial=-np.inf))
-        if least < 0:
-            return X
         most = min(float(np.linalg.eigvalsh(X)[0]), (price[rising] / change[rising]).min(initial=np.inf))
-        return X - 0.5 * (least + most) * np.eye(self.width) if least < most else X
+        if least < 0 < most or not least < most:
+            return X
+        c = 0.5 * (least + most) if np.isfinite(least) else 2 * most
+        return X - c * np.eye(self.width)
+
+    def _off_diagonal(self, X: ndarray) -> ndarray:
+        """Return the prices of all products of two different forms."""
+        prices = self._product_prices(X)
+        return np.concatenate([np.zeros(0), *(each[np.triu_indices(len(each), 1)] for each in prices)])
 
     @cached_property
     def _blocks(self) -> ndarray:

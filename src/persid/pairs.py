@@ -1,7 +1,7 @@
 """Matrices that are sums of pairs of rows, F = sum of d_p d_q' + d_q d_p', and what a solver needs of them.
 
-No F is ever formed: <F, M> for all of them comes from the rows of D M, sum_k y_k F_k from D' W D with a sparse W, and
-the matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'.
+No F is ever formed: <F, M> for all of them comes from the rows of D M, sum_k y_k F_k from two sparse matrices, and the
+matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'.
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +12,6 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
-SMALL = 60  # order up to which dense rows are quicker than the bookkeeping of sparse ones
 BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
 
 
@@ -60,28 +59,42 @@ class Problem:
         return pair, rows.data, self.q[pair] * self.order + rows.indices
 
     @cached_property
-    def _dense(self) -> tuple[ndarray, ndarray]:
-        """The rows p and q of all pairs."""
-        D = np.vstack([self.S.toarray(), self.H])
-        return D[self.p], D[self.q]
+    def _square(self) -> ndarray:
+        """Room for the Schur complement: new pages for every step would cost a tenth of the time."""
+        return np.empty((len(self.p), len(self.p)))
+
+    @cached_property
+    def _inside(self) -> tuple[ndarray, sparse.csc_array]:
+        """The pairs of two rows of S, and the matrix from their weights to all entries of sum w_k s_p s_q'."""
+        rows, N = self.S.shape[0], self.order
+        pairs = np.flatnonzero(self.q < rows)
+        left, right = self.S[self.p[pairs]], self.S[self.q[pairs]]
+        width = np.diff(right.indptr)
+        pair = np.repeat(np.arange(len(pairs)), np.diff(left.indptr))
+        entry = np.repeat(np.arange(left.nnz), width[pair])  # of the left row; every one meets all of the right row
+        first = np.cumsum(width[pair]) - width[pair]
+        other = right.indptr[pair][entry] + np.arange(len(entry)) - first[entry]
+        place, value = left.indices[entry] * N + right.indices[other], left.data[entry] * right.data[other]
+        starts = np.concatenate([[0], np.cumsum(np.diff(left.indptr) * width)])
+        return pairs, sparse.csc_array((value, place, starts), shape=(N * N, len(pairs)))
+
+    @cached_property
+    def _outside(self) -> tuple[ndarray, sparse.csc_array]:
+        """The pairs with a row of H, and the matrix from their weights to the entries of a matrix L: L'H is the sum."""
+        rows, N = self.S.shape[0], self.order
+        pairs = np.flatnonzero(self.q >= rows)
+        left = self.S[self.p[pairs]]
+        place = np.repeat((self.q[pairs] - rows) * N, np.diff(left.indptr)) + left.indices
+        return pairs, sparse.csc_array((left.data, place, left.indptr), shape=(len(self.H) * N, len(pairs)))
 
 
 def combine(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "N N"]:
     """Return sum_k y_k F_k."""
-    weights = y if problem.tie is None else problem.tie @ y
-    if problem.order <= SMALL:
-        left, right = problem._dense
-        half = (left.T * weights) @ right
-        return half + half.T
-    rows = problem.S.shape[0]
-    inside = problem.q < rows
-    outside = ~inside
-    W = sparse.coo_array((weights[inside], (problem.p[inside], problem.q[inside])), shape=(rows, rows)).tocsr()
-    half = (problem.S.T @ (W @ problem.S)).toarray()
-    if outside.any():
-        index = (problem.q[outside] - rows, problem.p[outside])
-        W = sparse.coo_array((weights[outside], index), shape=(len(problem.H), rows)).tocsr()
-        half += (W @ problem.S).T @ problem.H
+    weights, N = y if problem.tie is None else problem.tie @ y, problem.order
+    (inside, products), (outside, lines) = problem._inside, problem._outside
+    half = (products @ weights[inside]).reshape(N, N)
+    if len(outside):
+        half += (lines @ weights[outside]).reshape(len(problem.H), N).T @ problem.H
     return half + half.T
 
 
@@ -116,9 +129,11 @@ def lengths(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
 
 
 def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) -> Float[ndarray, "J J"]:
-    """Return the matrix of tr(F_k X F_l Z^-1), Y = D X D', V = D Z^-1 D'; its lower triangle, all that is read."""
-    p, q, tie = problem.p, problem.q, problem.tie
-    M = np.empty((len(p), len(p)))
+    """Return the matrix of tr(F_k X F_l Z^-1), Y = D X D', V = D Z^-1 D'; its lower triangle, all that is read.
+
+    The next call for the same problem overwrites it.
+    """
+    p, q, tie, M = problem.p, problem.q, problem.tie, problem._square
     for start in range(0, len(p), BLOCK):
         rows, stop = slice(start, start + BLOCK), min(start + BLOCK, len(p))
         r, s = p[:stop], q[:stop]
