@@ -29,6 +29,7 @@ from persid.pairs import (
 SHARE = 0.95  # of the way to the boundary that a step goes
 CLOSELY, ROUGHLY = 0.02, 0.2  # relative errors of the way to the boundary, in a step and in its prediction
 LANCZOS_ORDER = 64  # from which the way to the boundary comes from Lanczos' method
+ROUNDING = 1e-14  # of its size: a price that is negative by less counts as zero
 RIDGE = 1e-13  # added to the unit diagonal of the Schur complement; the next step corrects what it changes
 JOINING_SHARE = 0.5  # of the way to the boundary that unknowns go which join; also x_k over its size for a bad price
 
@@ -88,7 +89,8 @@ class Iterate:
     def is_dual_feasible(self) -> bool:
         """Whether X proves the bound m: with it the equalities of (P) have solutions x >= 0 and U >= 0."""
         free, price = self.problem.free, pairings(self.problem, self.X) + self.m * self.problem.cost
-        return bool((price[free:] >= 0).all()) and _is_positive(dual_of_P(self.problem, price[:free]))
+        least = -ROUNDING * lengths(self.problem, self.X)[free:]
+        return bool((price[free:] >= least).all()) and _is_positive(dual_of_P(self.problem, price[:free]))
 
 
 def first_iterate(problem: Problem, least: float = 0.0) -> Iterate:

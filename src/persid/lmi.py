@@ -181,9 +181,8 @@ class Catalogue:
 
     def _rows(self, group: Group, forms: ndarray) -> tuple[ndarray, ndarray, ndarray, ndarray]:
         """Add the rows l'N_g, in the units of z and made unit vectors; return places in S, norms, entries and where."""
-        lifted = self.system.lift(group, forms) * self.units.entries
-        at = np.flatnonzero(lifted.any(axis=0))
-        rows = lifted[:, at]
+        at, rows = self.system.lines(group, forms)
+        rows = rows * self.units.entries[at]
         norms = np.linalg.norm(rows, axis=1)
         rows = rows / norms[:, None]
         places = self._height + np.arange(len(rows))

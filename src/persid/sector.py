@@ -153,6 +153,7 @@ def _samples(curve: Curve, count: int, slopes: bool) -> Float[ndarray, "N d"]:
     return np.vstack(sides)
 
 
+@lru_cache(maxsize=512)
 def sizes(curve: Curve) -> Float[ndarray, " d"]:
     """Return the size of each entry of phi at |y| = 1 (or at the end of a smaller domain): powers of two."""
     end = 1.0 if curve.domain is None else min(1.0, -float(curve.domain[0]), float(curve.domain[1]))

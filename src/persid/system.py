@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 from persid.model import PersidskiiModel
@@ -45,10 +45,17 @@ class System:
 
     def lift(self, group: Group, forms: Float[ndarray, "K d"]) -> Float[ndarray, "K N"]:
         """Return the rows l'N_g of forms of a group."""
-        rows = np.zeros((len(forms), self.entries))
-        rows[:, : len(self.states)] = forms[:, :1] * group.row[list(self.states)]
-        rows[:, [self.places[c] for c in group.channels]] = forms[:, 1:]
-        return rows
+        at, rows = self.lines(group, forms)
+        lifted = np.zeros((len(forms), self.entries))
+        lifted[:, at] = rows
+        return lifted
+
+    def lines(self, group: Group, forms: Float[ndarray, "K d"]) -> tuple[Int[ndarray, " e"], Float[ndarray, "K e"]]:
+        """Return the entries of z that forms of a group read, in order, and the rows l'N_g there."""
+        row = group.row[list(self.states)]
+        reads = np.flatnonzero(row)
+        at = np.concatenate([reads, np.array([self.places[c] for c in group.channels], int)])
+        return at, np.hstack([forms[:, :1] * row[reads], forms[:, 1:]])
 
 
 def system(
