@@ -7,6 +7,7 @@ import pytest
 from numpy import ndarray
 from scipy import sparse
 
+from persid import iterate
 from persid.certificate import Certificate, RoundingError
 from persid.interior_point import Solution, Status, solve, whitening
 from persid.lmi import Assembly, assemble
@@ -161,13 +162,13 @@ def test_interrupt_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> Non
     """Ctrl-C ends the run with the iterate reached, not with an exception."""
     from persid import interior_point
 
-    steps, iterate = [], interior_point.step
+    steps, taken = [], interior_point.step
 
     def interrupted(state: object, limit: object) -> object:
         steps.append(state)
         if len(steps) == 3:
             raise KeyboardInterrupt
-        return iterate(state)
+        return taken(state)
 
     monkeypatch.setattr(interior_point, "step", interrupted)
     solution = solve(random_assembly(3).problem, quality=0.99)
@@ -230,3 +231,19 @@ def test_products_that_vanish_start_without_a_division_by_zero() -> None:
     changed = replace(problem, S=sparse.csr_array(S.tocsr()), X=np.eye(problem.order))
     assert pairings(changed, changed.X)[-1] == 0
     assert solve(changed, iterations=3).log
+
+
+@pytest.mark.parametrize("order", [5, 100])
+def test_way_to_the_boundary(order: int) -> None:
+    """The way is that of the smallest eigenvalue, a few percent short at most, and has no end without a direction."""
+    rng = np.random.default_rng(order)
+    root = rng.normal(size=(order, order))
+    M, dM = root @ root.T + np.eye(order), rng.normal(size=(order, order))
+    half = iterate._half(M)
+    np.testing.assert_allclose(half @ M @ half.T, np.eye(order), atol=1e-8)
+    assert iterate._to_boundary(half, np.zeros_like(M)) == np.inf
+    assert iterate._to_boundary(half, 3 * M) == np.inf
+    for change in (dM + dM.T, -np.outer(dM[0], dM[0]), -M):
+        a = iterate._to_boundary(half, change)
+        exact = -1 / np.linalg.eigvalsh(half @ change @ half.T)[0]
+        assert 0.95 * exact <= a <= 1.0001 * exact

@@ -287,7 +287,7 @@ def _to_boundary(half: ndarray, dM: ndarray, tolerance: float = CLOSELY) -> floa
 
 def _lanczos_smallest(half: ndarray, dM: ndarray, tolerance: float, steps: int = 30) -> float:
     """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
-    Q, alphas, betas = np.empty((steps + 1, len(dM))), np.empty(steps), np.empty(steps)
+    Q, alphas, betas = np.empty((steps + 1, len(dM))), np.zeros(steps), np.zeros(steps)
     v = np.random.default_rng(0).normal(size=len(dM))
     Q[0] = v / np.linalg.norm(v)
     for k in range(steps):
@@ -297,7 +297,7 @@ def _lanczos_smallest(half: ndarray, dM: ndarray, tolerance: float, steps: int =
         w -= known.T @ (known @ w)
         betas[k] = np.linalg.norm(w)
         if k % 3 == 2 or k == steps - 1 or betas[k] < 1e-12:
-            values, vectors, _ = sla.lapack.dstev(alphas[: k + 1], betas[:k])
+            values, vectors, _ = sla.lapack.dstev(alphas[: k + 1], betas[: max(k, 1)])
             residual = betas[k] * abs(vectors[-1, 0])
             if residual <= tolerance * abs(values[0]) + 1e-9:
                 break
