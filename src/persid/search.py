@@ -29,7 +29,7 @@ from persid.system import Family, System, Target
 FIRST_FORMS = 4  # forms of a pool that the search begins with
 JOINING = 4  # products, and half as many densities, that may join a group in one round
 FALL = 0.1  # share to which mu falls in a free round
-FREE_STEPS = 50  # of all free rounds
+FREE_STEPS = 60  # of all free rounds
 ROUNDS = 400
 INSIDE = 0.9  # of the way to the fence that a step goes
 FREE = Status.ROUGH, Status.INFEASIBLE, Status.STALLED  # that may change with more unknowns: without a fence,

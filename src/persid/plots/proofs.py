@@ -14,7 +14,7 @@ from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL,
 from persid.trajectories import Trajectory
 from persid_check import groups
 
-GRID, FINE_GRID = 81, 121  # points a side on which V is evaluated; the finer one up to so many states:
+GRID, FINE_GRID = 81, 101  # points a side on which V is evaluated; the finer one up to so many states:
 FINE_STATES = 6
 MOST_LEVELS = 16
 BOUND_POINTS = 80
