@@ -9,12 +9,11 @@ models have a margin and no certificate: no V of their functions grows in every 
 """
 
 import argparse
-import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterator
 
-from children import SHARED, keep
+from children import keep, shared_families
 from library import by_library
 
 from persid.certificate import Certificate, RoundingError
@@ -77,11 +76,8 @@ def _proved(setting: Setting, found: Outcome, full_P: bool) -> str:
 
 def models(family: str, count: int, largest: int) -> Iterator[PersidskiiModel]:
     """Yield the models of a family, smallest first."""
-    sys.path.insert(0, str(SHARED))
-    import families  # type: ignore[import-not-found]
-
     for n in range(1, largest + 1):
-        for _, _, data in families.draw(family, n, count, SEED):
+        for _, _, data in shared_families().draw(family, n, count, SEED):
             yield PersidskiiModel.from_dict(data)
 
 
@@ -91,8 +87,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=14)
     parser.add_argument("--largest", type=int, default=4)
     options = parser.parse_args()
-    if not (SHARED / "families.py").is_file():
-        sys.exit("families.py of the shared data is not on this machine")
     warnings.filterwarnings("ignore")
     rows, total = [], Counter[str]()
     print(f"{'':30}" + "".join(f"{name:>15}" for name in COLUMNS))

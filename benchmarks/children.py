@@ -3,6 +3,7 @@
 Needs the standard library only: peers run it with the Python of their own environment.
 """
 
+import importlib
 import json
 import os
 import platform
@@ -25,6 +26,14 @@ LIBRARIES = (
     "persid", "numpy", "scipy", "scikit-learn", "pandas", "pysindy", "pykoop", "pykoopman", "torch", "picos", "cvxopt",
     "cvxpy", "clarabel", "scs", "python-flint",
 )  # fmt: skip
+
+
+def shared_families() -> Any:
+    """Return the module of random models of known truth; end with a message where it is not on this machine."""
+    if not (SHARED / "families.py").is_file():
+        sys.exit("families.py of the shared data is not on this machine")
+    sys.path.insert(0, str(SHARED))
+    return importlib.import_module("families")
 
 
 def python_of(peer: str) -> str:

@@ -8,7 +8,6 @@ x' = -3 sinh x + 2 tanh x + u. Every "certified" is a file that persid_check has
 
 import argparse
 import json
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
@@ -17,6 +16,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from children import shared_families
 from numpy import ndarray
 
 from persid.certificate import Certificate, RoundingError
@@ -30,7 +30,6 @@ from persid.setting import Setting
 from persid.system import Family
 
 ROOT = Path(__file__).resolve().parents[1]
-SHARED = ROOT.parent / "shared"
 FAMILIES = ("dissipative", "column_dominance", "row_dominance", "nonnormal", "lure", "port_hamiltonian")
 WANTED = dict.fromkeys(FAMILIES, 0.95) | {"row_dominance": 0.80}
 SEED = 1
@@ -129,12 +128,9 @@ def models(count: int, largest: int) -> Iterable[tuple[str, int, str, Persidskii
     """Yield (family, n, name, model), the scalar example first."""
     scalar = PersidskiiModel(terms=[("sinh(x)", None, [[-3.0]]), ("tanh(x)", None, [[2.0]])], B=[[1.0]])
     yield "scalar", 1, "-3 sinh x + 2 tanh x", scalar
-    sys.path.insert(0, str(SHARED))
-    import families  # type: ignore[import-not-found]
-
     for family in FAMILIES:
         for n in range(1, largest + 1):
-            for name, _, data in families.draw(family, n, count, SEED):
+            for name, _, data in shared_families().draw(family, n, count, SEED):
                 yield family, n, name, PersidskiiModel.from_dict(data)
 
 
@@ -144,8 +140,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--largest", type=int, default=6)
     options = parser.parse_args()
-    if not (SHARED / "families.py").is_file():
-        sys.exit("families.py of the shared data is not on this machine")
     started, cells, missing = time.perf_counter(), defaultdict(list), {}
     for family, n, name, model in models(options.count, options.largest):
         found = decisions(model)

@@ -7,12 +7,11 @@ counts when persid_check has accepted its file.
 """
 
 import argparse
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from children import SHARED, keep
+from children import keep, shared_families
 
 import persid as ps
 
@@ -56,12 +55,9 @@ UNITS: dict[str, Callable[[ps.PersidskiiModel], ps.PersidskiiModel]] = {
 
 def models(count: int, largest: int) -> Iterator[tuple[str, ps.PersidskiiModel]]:
     """Yield (name, model)."""
-    sys.path.insert(0, str(SHARED))
-    import families  # type: ignore[import-not-found]
-
     for family in FAMILIES:
         for n in range(1, largest + 1):
-            for name, _, data in families.draw(family, n, count, SEED):
+            for name, _, data in shared_families().draw(family, n, count, SEED):
                 yield name, ps.PersidskiiModel.from_dict(data)
 
 
@@ -76,8 +72,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=3)
     parser.add_argument("--largest", type=int, default=3)
     options = parser.parse_args()
-    if not (SHARED / "families.py").is_file():
-        sys.exit("families.py of the shared data is not on this machine")
     same, changed, verdicts = Counter[str](), defaultdict[str, list[str]](list), Counter[str]()
     for name, model in models(options.count, options.largest):
         expected = word(model)

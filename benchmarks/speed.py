@@ -11,12 +11,11 @@ they need is imported by deciding a small model first, with functions of its own
 import argparse
 import json
 import resource
-import sys
 import time
 from typing import Any
 
 import numpy as np
-from children import MEMORY, SECONDS, SHARED, child, joined, keep, kept
+from children import MEMORY, SECONDS, child, joined, keep, kept, shared_families
 
 SOLVERS = ("persid", "CLARABEL", "SCS", "CVXOPT")
 ROUNDS, SHORT = 3, 2.0  # a run is made again, and the fastest counts, until so many seconds have passed
@@ -25,13 +24,10 @@ SIZES = (5, 10, 20, 50, 100, 200, 400)
 
 def drawn(kind: str, n: int) -> Any:
     """Return the model of size n."""
-    sys.path.insert(0, str(SHARED))
-    import families  # type: ignore[import-not-found]
-
     from persid.model import PersidskiiModel
 
     family = "dissipative" if kind == "paper" else "column_dominance"
-    return PersidskiiModel.from_dict(next(families.draw(family, n, 1, 1))[2])
+    return PersidskiiModel.from_dict(next(shared_families().draw(family, n, 1, 1))[2])
 
 
 def decided(kind: str, model: Any) -> tuple[Any, Any, int, int]:
@@ -109,8 +105,6 @@ def main() -> None:
     options = parser.parse_args()
     if options.one:
         return one(options.one[0], int(options.one[1]), options.one[2])
-    if not (SHARED / "families.py").is_file():
-        sys.exit("families.py of the shared data is not on this machine")
     for kind in options.kinds.split(","):
         for solver in options.solvers.split(","):
             for n in map(int, options.sizes.split(",")):
