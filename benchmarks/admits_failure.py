@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from children import SHARED, child, joined, keep, kept, measured, python_of
+from children import child, joined, keep, kept, measured, python_of, shared_families
 
 COUNTS = {"unstable_origin": 67, "cooperative_bistable": 67, "saturated": 66, "dissipative": 40}
 STABLE = "dissipative"  # the control: 40 models that ARE input-to-state stable; who says no to everything is no help
@@ -39,9 +39,7 @@ FEWER = {"pykoop, spectral radius": 20}  # models of each family for a tool that
 
 def drawn(family: str) -> list[dict]:
     """Return the models of a family, the sizes in turn."""
-    sys.path.insert(0, str(SHARED))
-    import families  # type: ignore[import-not-found]
-
+    families = shared_families()
     streams = [families.draw(family, n, COUNTS[family], SEED) for n in SIZES]
     turns = (next(streams[i % len(streams)]) for i in range(COUNTS[family]))
     return [
@@ -183,8 +181,6 @@ def main() -> None:
     options = parser.parse_args()
     if options.one:
         return print(json.dumps(ask_all(options.one[0], Path(options.one[1]))))
-    if not (SHARED / "families.py").is_file():
-        sys.exit("families.py of the shared data is not on this machine")
     for family in options.families.split(","):
         with tempfile.TemporaryDirectory() as folder:
             models = drawn(family)

@@ -55,11 +55,11 @@ def find_operating_point(
     """
     u = model.u_ref if u is None else vector("u", u, model.m)
     centre = model.x_ref if near is None else vector("a state near the operating point", near, model.n)
-    found: list[ndarray] = []
-    for start in _starts(model, centre, starts or (STARTS if model.n <= 20 else 8), seed):
+    found, units = list[ndarray](), _units(model)
+    for start in _starts(model, centre, units, starts or (STARTS if model.n <= 20 else 8), seed):
         with np.errstate(all="ignore"):
-            x = _newton(model, start, u)
-        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * _units(model)) for other in found):
+            x = _newton(model, start, u, units)
+        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * units) for other in found):
             found.append(x)
     found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
     proved = (prove(model, x, u) for x in found)
@@ -99,21 +99,19 @@ def _units(model: PersidskiiModel) -> Float[ndarray, " n"]:
     return np.where(half > 0, half, 1.0)
 
 
-def _starts(model: PersidskiiModel, centre: ndarray, count: int, seed: int) -> ndarray:
-    middle, half = usual_box(model).mean(axis=1), _units(model)
+def _starts(model: PersidskiiModel, centre: ndarray, units: ndarray, count: int, seed: int) -> ndarray:
+    middle = usual_box(model).mean(axis=1)
     cube = np.random.default_rng(seed).uniform(-1, 1, (count, model.n))
-    near, far = middle + half * cube[: count // 2], middle + REACH * half * cube[count // 2 :]
+    near, far = middle + units * cube[: count // 2], middle + REACH * units * cube[count // 2 :]
     return np.vstack([centre, model.x_ref, near, far])
 
 
-def _newton(model: PersidskiiModel, start: ndarray, u: ndarray) -> ndarray | None:
-    """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method, then polish by Newton steps."""
+def _newton(model: PersidskiiModel, start: ndarray, u: ndarray, units: ndarray) -> ndarray | None:
+    """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method in the given units, then polish by Newton steps."""
     from scipy.optimize import root
 
     if not model.rhs(start, u).any():  # exactly at rest, where the Jacobian may be singular, as that of -x**3 at 0
         return start
-
-    units = _units(model)
 
     def flow(v: ndarray) -> ndarray:
         return _bounded(model.rhs(units * v, u) / units)
