@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import persid as ps
+import persid_check
 from persid.certify import Reason
 from persid.interior_point import Status
 from persid.obstruction import find_obstruction
@@ -54,3 +55,9 @@ def test_a_pool_of_many_forms_is_shown_to_hold_no_certificate() -> None:
     obstruction = find_obstruction(model, found)
     assert obstruction is not None
     assert len(obstruction.content["groups"][0]["forms"]) == len(setting.pools[setting.found[0].curve])
+    content = obstruction.content
+    forms = content["groups"][0]["forms"]
+    content["groups"][0]["forms"] = (forms * 2)[:129]
+    answer = persid_check.check(json.dumps(content).encode())
+    assert isinstance(answer, ps.Malformed)
+    assert "at most 128 forms" in answer.why
