@@ -51,7 +51,7 @@ def drawn(family: str) -> list[dict]:
 
 def measurements(model: dict, seed: int) -> dict[str, Any]:
     """Return runs of a model as arrays x (runs, N, n), u (runs, N, m)."""
-    from persid.model import PersidskiiModel
+    from persid.models.model import PersidskiiModel
 
     given, rng = PersidskiiModel.from_dict(model), np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-0.5, 0.5, (RUNS, SAMPLES // HOLD, given.m)), HOLD, axis=1)

@@ -16,13 +16,15 @@ from collections.abc import Iterator
 from children import keep, shared_families
 from library import by_library
 
-from persid.certificate import Certificate, RoundingError
-from persid.interior_point import Status
-from persid.model import PersidskiiModel
-from persid.obstruction import find_obstruction
-from persid.proof import choose, write
-from persid.search import Outcome, search
-from persid.setting import Setting
+from persid.certificates.certificate import Certificate
+from persid.certificates.obstruction import find_obstruction
+from persid.certificates.stability import write
+from persid.errors import RoundingError
+from persid.lyapunov.interior_point import Status
+from persid.lyapunov.multipliers import choose
+from persid.lyapunov.search import Outcome, search
+from persid.lyapunov.shifted_model import Setting
+from persid.models.model import PersidskiiModel
 
 FAMILIES = (
     "dissipative", "column_dominance", "row_dominance", "nonnormal", "lure", "port_hamiltonian", "unstable_origin",

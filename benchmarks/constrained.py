@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from traffic import FAR, T, disturbed
 
-from persid.constrained import CertifiedIdentifier
-from persid.freerun import Score, free_run_score
-from persid.identify import PersidskiiIdentifier
-from persid.model import PersidskiiModel
-from persid.readers import read_csv
-from persid.trajectories import Trajectories, Trajectory
+from persid.certified_fits.identifier import CertifiedIdentifier
+from persid.identification.free_runs import Score, free_run_score
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.measurements.readers import read_csv
+from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.models.model import PersidskiiModel
 from persid_check import Accepted, check
 
 

@@ -25,11 +25,11 @@ from children import keep
 from numpy import ndarray
 from scipy import sparse
 
-from persid.basis import make_basis
-from persid.functions import scalar_function
-from persid.gram import BLOCK
-from persid.identify import PersidskiiIdentifier
-from persid.trajectories import Trajectories
+from persid.identification.basis import make_basis
+from persid.identification.gram import BLOCK
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.measurements.trajectories import Trajectories
+from persid.models.functions import scalar_function
 
 BASE = {"samples": 100_000, "states": 4, "functions": 3, "inputs": 2}
 FUNCTIONS = ("x", "x**3", "tanh(x)", "sinh(x)", "arctan(x)", "arcsinh(x)", "softsign(x)", "x**5", "sin(x)", "erf(x)")

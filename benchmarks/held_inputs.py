@@ -9,9 +9,9 @@ import numpy as np
 from numpy import ndarray
 
 from persid.errors import GeneratorError
-from persid.identify import PersidskiiIdentifier
-from persid.model import PersidskiiModel
-from persid.trajectories import Trajectories
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.measurements.trajectories import Trajectories
+from persid.models.model import PersidskiiModel
 
 A0 = np.array([[-1.0, 0.4], [-0.3, -0.8]])
 A1 = np.array([[-0.5, 0.2], [0.1, -0.6]])

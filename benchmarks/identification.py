@@ -15,12 +15,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy import ndarray
 
-from persid.basis import Basis, make_basis
-from persid.gram import BLOCK, accumulate
-from persid.koopman import edmd, make_lifting
-from persid.structure import make_structure
-from persid.trajectories import Trajectories
-from persid.weak import window_rows
+from persid.identification.basis import Basis, make_basis
+from persid.identification.gram import BLOCK, accumulate
+from persid.identification.koopman import edmd, make_lifting
+from persid.identification.structure import make_structure
+from persid.identification.weak import window_rows
+from persid.measurements.trajectories import Trajectories
 
 N = 9
 FUNCTIONS = ["x", "x**3", "sinh(x)", "tanh(x)", "arctan(x)"]

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from persid.interior_point import whitening
-from persid.pairs import Problem, unpack
+from persid.lyapunov.interior_point import whitening
+from persid.lyapunov.pairs import Problem, unpack
 
 OPTIONS: dict[str, dict] = {
     "SCS": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iters": 200_000},

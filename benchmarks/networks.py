@@ -32,9 +32,9 @@ import scipy.sparse as sp
 
 import persid as ps
 import persid_check
-from persid.network_proof import NetworkCertificate, certify_network
-from persid.search import search
-from persid.setting import Setting
+from persid.lyapunov.search import search
+from persid.lyapunov.shifted_model import Setting
+from persid.networks.certificate import NetworkCertificate, certify_network
 
 RESULTS = Path(__file__).parent / "results" / "networks.json"
 FUNCTIONS = ("tanh(x)", "x**3", "sinh(x)", "arctan(x)")

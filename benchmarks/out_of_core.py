@@ -53,7 +53,7 @@ def route(name: str, folder: Path) -> None:
     import pyarrow.parquet as pq
 
     import persid as ps
-    from persid.identify import PersidskiiIdentifier
+    from persid.identification.identifier import PersidskiiIdentifier
 
     began = time.process_time()
     if name == "read":

@@ -19,7 +19,7 @@ from numpy import ndarray
 from peers import TOOLS
 from recover import stable_model
 
-from persid.model import PersidskiiModel
+from persid.models.model import PersidskiiModel
 
 DT, HOLD, NOISE = 0.01, 20, 0.01
 HELD_OUT, LENGTH = 4, 400

@@ -19,15 +19,17 @@ import numpy as np
 from children import shared_families
 from numpy import ndarray
 
-from persid.certificate import Certificate, RoundingError
-from persid.interior_point import Status, solve
-from persid.lmi import assemble
-from persid.model import PersidskiiModel
-from persid.proof import choose, write
-from persid.search import search
-from persid.sector import Curve
-from persid.setting import Setting
-from persid.system import Family
+from persid.certificates.certificate import Certificate
+from persid.certificates.stability import write
+from persid.errors import RoundingError
+from persid.lyapunov.inequality import assemble
+from persid.lyapunov.interior_point import Status, solve
+from persid.lyapunov.multipliers import choose
+from persid.lyapunov.search import search
+from persid.lyapunov.sectors import Curve
+from persid.lyapunov.shifted_model import Setting
+from persid.lyapunov.system import Family
+from persid.models.model import PersidskiiModel
 
 ROOT = Path(__file__).resolve().parents[1]
 FAMILIES = ("dissipative", "column_dominance", "row_dominance", "nonnormal", "lure", "port_hamiltonian")

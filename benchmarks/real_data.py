@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from persid.baselines import arx
 from persid.errors import DataError
-from persid.identify import PersidskiiIdentifier
-from persid.readers import read_csv
-from persid.trajectories import Trajectories
+from persid.identification.baselines import arx
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.measurements.readers import read_csv
+from persid.measurements.trajectories import Trajectories
 
 
 def rig(folder: Path) -> dict[str, Trajectories]:

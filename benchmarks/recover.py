@@ -9,10 +9,10 @@ import sys
 
 import numpy as np
 
-from persid.certify import certify
-from persid.identify import PersidskiiIdentifier
-from persid.model import PersidskiiModel
-from persid.trajectories import Trajectories
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.measurements.trajectories import Trajectories
+from persid.models.model import PersidskiiModel
+from persid.verdicts.certify import certify
 
 FUNCTIONS = ["x", "x**3", "tanh(x)"]
 

@@ -24,7 +24,7 @@ SIZES = (5, 10, 20, 50, 100, 200, 400)
 
 def drawn(kind: str, n: int) -> Any:
     """Return the model of size n."""
-    from persid.model import PersidskiiModel
+    from persid.models.model import PersidskiiModel
 
     family = "dissipative" if kind == "paper" else "column_dominance"
     return PersidskiiModel.from_dict(next(shared_families().draw(family, n, 1, 1))[2])
@@ -32,11 +32,11 @@ def drawn(kind: str, n: int) -> Any:
 
 def decided(kind: str, model: Any) -> tuple[Any, Any, int, int]:
     """Find the forms and decide by the search of persid; return the assembly, the solution, iterations and rounds."""
-    from persid.interior_point import solve
-    from persid.lmi import assemble, corollary_1
-    from persid.search import search
-    from persid.sector import groups, pool
-    from persid.system import system
+    from persid.lyapunov.inequality import assemble, corollary_1
+    from persid.lyapunov.interior_point import solve
+    from persid.lyapunov.search import search
+    from persid.lyapunov.sectors import groups, pool
+    from persid.lyapunov.system import system
 
     found = groups(model.channels)
     curves = {group.curve for group in found}
@@ -52,7 +52,7 @@ def decided(kind: str, model: Any) -> tuple[Any, Any, int, int]:
 
 def warm(kind: str) -> Any:
     """Decide a small model with functions of its own, so that nothing is imported later and no form is known before."""
-    from persid.model import PersidskiiModel
+    from persid.models.model import PersidskiiModel
 
     return decided(kind, PersidskiiModel([[-1.0]], [("arctan(x)", None, [[-1.0]]), ("x**5", None, [[-1.0]])], [[1.0]]))[
         0
@@ -61,7 +61,7 @@ def warm(kind: str) -> Any:
 
 def solved_here(kind: str, n: int) -> dict:
     """Decide by persid; the seconds include finding the forms."""
-    from persid.sector import pool
+    from persid.lyapunov.sectors import pool
 
     model, seconds = drawn(kind, n), []
     warm(kind)

@@ -15,9 +15,9 @@ from numpy import ndarray
 from scipy.integrate import solve_ivp
 
 from persid.errors import GeneratorError
-from persid.freerun import free_run_score
-from persid.identify import PersidskiiIdentifier
-from persid.trajectories import Trajectories
+from persid.identification.free_runs import free_run_score
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.measurements.trajectories import Trajectories
 
 A = np.array([[-0.1, 0.05], [0.05, -0.15]])
 B = np.array([0.5, 0.3])

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import persid as ps
-from persid.certify import Verdict
+from persid.verdicts.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from persid.cli import EXIT_CODES, THE_PATH, persid
+from persid.commands.cli import EXIT_CODES, THE_PATH, persid
 
 PAGE = Path(__file__).with_name("command-line.md")
 HEAD = f"""# The command line

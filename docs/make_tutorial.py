@@ -17,7 +17,7 @@ import matplotlib as mpl
 mpl.use("agg")
 mpl.rcParams |= {"svg.hashsalt": "tutorial", "figure.facecolor": "white"}
 
-from persid.cli import main  # noqa: E402 - the backend comes first
+from persid.commands.cli import main  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "images" / "tutorial"

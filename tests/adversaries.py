@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy import ndarray
 
-from persid.certificate import Certificate
-from persid.model import PersidskiiModel
+from persid.certificates.certificate import Certificate
+from persid.models.model import PersidskiiModel
 
 Policy = Callable[[float, ndarray], ndarray]  # v = u - u*, (N, m), of the time in s and of states (N, n)
 

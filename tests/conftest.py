@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import pytest
 from jaxtyping import install_import_hook
 
+from places import SHARED, TRAFFIC
+
 if TYPE_CHECKING:
-    from persid.certify import Undecided
+    from persid.verdicts.verdict import Undecided
 
 install_import_hook(["persid"], "beartype.beartype")
 
-_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+_DATA = SHARED / "data"
 
 
 @pytest.fixture(scope="session")
@@ -27,7 +29,7 @@ def measurements() -> Path:
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder to work in, with a short file of measurements and two models."""
-    from commands import MODEL, TRAFFIC, UNSTABLE
+    from command_line import MODEL, UNSTABLE
 
     monkeypatch.chdir(tmp_path)
     rows = TRAFFIC.read_text().splitlines()[:301]
@@ -40,16 +42,18 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def undecided(monkeypatch: pytest.MonkeyPatch) -> "Undecided":
     """Certification that is quick and always undecided, for a fit under the certificate too."""
-    from commands import free_fit_only
-    from persid.certify import Attempt, Reason, Undecided
+    from command_line import free_fit_only
+    from persid.verdicts.verdict import Attempt, Reason, Undecided
 
     verdict = Undecided(Reason.STALLED, "Try more ridge.", (Attempt("a look", "stalled", 0.5),))
-    monkeypatch.setattr(sys.modules["persid.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.constrained.deliver", free_fit_only)
+    monkeypatch.setattr(sys.modules["persid.verdicts.certify"], "certify", lambda model, **how: verdict)
+    monkeypatch.setattr("persid.certified_fits.identifier.deliver", free_fit_only)
     return verdict
 
 
 @pytest.fixture
 def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report without figures, where a test is about something else."""
-    monkeypatch.setattr("persid.report.write_report", lambda results, stage: (stage / "report.html").write_text("page"))
+    monkeypatch.setattr(
+        "persid.reports.page.write_report", lambda results, stage: (stage / "report.html").write_text("page")
+    )

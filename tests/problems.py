@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from persid.model import PersidskiiModel
+from persid.models.model import PersidskiiModel
 
 Expected = Literal["certified", "refuted", "undecided"]
 

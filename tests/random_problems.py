@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from persid.lmi import Assembly, assemble
-from persid.model import PersidskiiModel
-from persid.sector import groups, pool
-from persid.system import Family, System, system
+from persid.lyapunov.inequality import Assembly, assemble
+from persid.lyapunov.sectors import groups, pool
+from persid.lyapunov.system import Family, System, system
+from persid.models.model import PersidskiiModel
 
 FUNCTIONS = ("x**3", "sinh(x)", "tanh(x)", "arctan(x)", "x*abs(x)")
 

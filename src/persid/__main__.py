@@ -2,7 +2,7 @@
 
 import sys
 
-from persid.cli import main
+from persid.commands.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

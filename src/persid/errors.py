@@ -19,3 +19,11 @@ class GeneratorError(PersidError, ValueError):
 
 class UnderdeterminedError(PersidError, ValueError):
     """A fit with fewer independent samples than unknown coefficients."""
+
+
+class RoundingError(PersidError):
+    """The margin of a floating-point solution was lost when its numbers became exact."""
+
+
+class FolderError(PersidError, ValueError):
+    """A folder that does not hold the results of a run, or whose files do not belong together."""

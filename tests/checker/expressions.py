@@ -4,7 +4,7 @@ import random
 
 import numpy as np
 
-from persid.functions import scalar_function
+from persid.models.functions import scalar_function
 
 _UNARY = [
     "sinh",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from persid.functions import scalar_function
+from persid.models.functions import scalar_function
 
 TOLERANCE = 1e-7
 Array = np.ndarray

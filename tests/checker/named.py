@@ -1,15 +1,14 @@
-"""Named valid certificates, with why each is true; `python -m checker.named`, in tests/, writes certificates/valid."""
+"""Named valid certificates, with why each is true; `python -m checker.named`, in tests/, writes files/valid."""
 
 import json
 from collections.abc import Callable
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 from checker.maker import Wanted, dyadic, file, make, model
 from persid_check import prove_equilibrium
+from places import VALID
 
-VALID = Path(__file__).parent.parent / "certificates" / "valid"
 Certificate = dict[str, Any]
 
 X, F1, F2 = (1, 0, 0), (0, 1, 0), (0, 0, 1)

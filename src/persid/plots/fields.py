@@ -8,10 +8,10 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-from persid.equations import term_names
-from persid.model import PersidskiiModel
+from persid.measurements.trajectories import Trajectory
+from persid.models.equations import term_names
+from persid.models.model import PersidskiiModel
 from persid.plots.style import FIELD, FORM, MEASURED, MODEL, short, thin_path, tidy
-from persid.trajectories import Trajectory
 
 ARROWS = 17
 MOST_TERMS = 16  # drawn of one equation

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-from persid.diagnostics import Spectrum
+from persid.identification.diagnostics import Spectrum
+from persid.identification.validation import Curve
+from persid.measurements.trajectories import Trajectories, Trajectory
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, POINTS, limits, short, span, thin, tidy
-from persid.trajectories import Trajectories, Trajectory
-from persid.validation import Curve
 
 MOST_RUNS, MOST_GAPS = 40, 200  # drawn in an overview
 LONG = 3.0  # a step of so many median steps counts as a gap

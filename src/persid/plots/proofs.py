@@ -7,11 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-from persid.certificate import Certificate, value
-from persid.network_proof import NetworkCertificate
+from persid._dyadics import value
+from persid.certificates.certificate import Certificate
+from persid.measurements.trajectories import Trajectory
+from persid.networks.certificate import NetworkCertificate
 from persid.plots.fields import box_of, mesh, phase_portrait
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, thin, tidy
-from persid.trajectories import Trajectory
 from persid_check import groups
 
 GRID, FINE_GRID = 81, 101  # points a side on which V is evaluated; the finer one up to so many states:

@@ -8,8 +8,8 @@ from typing import Any
 import matplotlib as mpl
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from persid.drawings import STYLE, Drawing
-from persid.files import write_atomically
+from persid._files import write_atomically
+from persid.reports.figures import STYLE, Drawing
 from persid.studies.tables import Study
 
 FIGURES = "figures"
@@ -57,7 +57,7 @@ def _image(drawing: Drawing, kind: str) -> bytes:
 
 
 def _page(study: Study) -> str:
-    loaders = [PackageLoader("persid.studies", "templates"), PackageLoader("persid", "templates")]
+    loaders = [PackageLoader("persid.studies", "templates"), PackageLoader("persid.reports", "templates")]
     environment = Environment(
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

@@ -12,11 +12,11 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from persid.certify import Certified, Reason, Refuted, Undecided, Verdict
-from persid.files import write_atomically
-from persid.folder import versions
-from persid.model import PersidskiiModel
-from persid.summary import summarize
+from persid._files import write_atomically
+from persid.models.model import PersidskiiModel
+from persid.reports.results import versions
+from persid.verdicts.summary import summarize
+from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided, Verdict
 
 BAR = "{bar:20} {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
 PARTS, PROOFS, MODELS = "parts", "proofs", "models"

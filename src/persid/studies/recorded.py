@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from persid.files import write_atomically
+from persid._files import write_atomically
 from persid.studies.tables import Figure, Study
 
 FORMAT = "persid-expected-1"

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from persid.drawings import Drawing
+from persid.reports.figures import Drawing
 
 Figure = float | int | str | None
 

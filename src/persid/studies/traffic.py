@@ -19,10 +19,10 @@ from scipy.integrate import solve_ivp
 
 import persid as ps
 from persid import plots
-from persid.constrained import CertifiedIdentifier
-from persid.drawings import Drawing
-from persid.folder import versions
-from persid.freerun import free_run_score
+from persid.certified_fits.identifier import CertifiedIdentifier
+from persid.identification.free_runs import free_run_score
+from persid.reports.figures import Drawing
+from persid.reports.results import versions
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, protocol
 

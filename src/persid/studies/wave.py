@@ -21,10 +21,10 @@ from numpy import ndarray
 
 import persid as ps
 from persid import plots
-from persid.baselines import OneStepRegressor
-from persid.drawings import Drawing
-from persid.folder import versions
-from persid.freerun import Score, free_run_score, one_step, score
+from persid.identification.baselines import OneStepRegressor
+from persid.identification.free_runs import Score, free_run_score, one_step, score
+from persid.reports.figures import Drawing
+from persid.reports.results import versions
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, protocol, spread
 

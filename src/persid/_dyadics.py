@@ -1,0 +1,45 @@
+"""_dyadics."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+SLACK = 1 / 64  # relative distance that gamma, p and the level keep from what the rounded multipliers just allow
+
+
+def _floor(number: float) -> float:
+    """Return a dyadic of few bits a little below a number (above, in size, a negative one)."""
+    fraction, exponent = np.frexp(number * (1 - SLACK) if number > 0 else number * (1 + SLACK))
+    return float(np.ldexp(np.floor(np.ldexp(fraction, 20)), int(exponent) - 20))
+
+
+BITS = 40  # of the mantissa to which multipliers are rounded
+
+
+def value(pair: Sequence[int]) -> float:
+    """Return the float nearest to a dyadic [mantissa, exponent]."""
+    return float(np.ldexp(float(pair[0]), pair[1]))
+
+
+def dyadic(number: float, bits: int | None = None) -> list[int]:
+    """Return [mantissa, exponent] of a float, exactly, or rounded to a number of bits first."""
+    if number == 0:
+        return [0, 0]
+    fraction, exponent = np.frexp(number)
+    digits = 53 if bits is None else bits
+    mantissa, exponent = round(float(np.ldexp(fraction, digits))), int(exponent) - digits
+    zeros = (mantissa & -mantissa).bit_length() - 1
+    return [mantissa >> zeros, exponent + zeros]
+
+
+def dyadics(numbers: Iterable[float], bits: int | None = None) -> list[list[int]]:
+    """Return the dyadics of numbers."""
+    return [dyadic(float(number), bits) for number in numbers]
+
+
+def rounded(numbers: Float[ndarray, "*shape"], bits: int = BITS) -> Float[ndarray, "*shape"]:
+    """Return numbers rounded to the floats that `dyadic` writes."""
+    fraction, exponent = np.frexp(numbers)
+    return np.ldexp(np.round(np.ldexp(fraction, bits)), exponent - bits)

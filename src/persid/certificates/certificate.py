@@ -1,0 +1,205 @@
+"""Certificates: from floating-point multipliers to a file of exact numbers that `persid_check` accepts.
+
+A Certificate holds the very bytes that were accepted; nothing else in persid may say that a model is certified.
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid._dyadics import value
+from persid._files import write_atomically
+from persid.certificates import bounds
+from persid.certificates.encoding import plain_model
+from persid.errors import ModelError, PersidError, RoundingError
+from persid.models.model import PersidskiiModel
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A proof that a model is input-to-state stable, accepted by `persid_check` byte for byte.
+
+    `statement` and `steps` are the checker's own words; `claim` is G, M, E or R.
+    """
+
+    data: bytes
+    claim: str
+    statement: str
+    steps: tuple[str, ...]
+
+    @classmethod
+    def accept(cls, data: bytes) -> "Certificate":
+        """Return the certificate that these bytes are, if the checker accepts them as a proof of stability.
+
+        Raises:
+            RoundingError: the checker rejects them or finds them malformed; the message gives its reason.
+        """
+        answer = persid_check.check(data)
+        if not isinstance(answer, persid_check.Accepted) or answer.claim not in ("G", "M", "E", "R"):
+            where = getattr(answer, "where", "claim")
+            raise RoundingError(f"the checker does not accept it: {where}: {getattr(answer, 'why', answer)}")
+        return cls(data, answer.claim, answer.statement, answer.steps)
+
+    def __repr__(self) -> str:
+        return f"Certificate(claim {self.claim}, {len(self.data)} bytes: {self.statement})"
+
+    def _repr_html_(self) -> str:
+        from persid.certificates.tables import of_certificate
+
+        return of_certificate(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the accepted bytes."""
+        write_atomically(path, self.data)
+
+    @cached_property
+    def content(self) -> dict[str, Any]:
+        """The certificate as an object."""
+        return json.loads(self.data)
+
+    @cached_property
+    def model(self) -> PersidskiiModel:
+        """The model of which the certificate speaks."""
+        return PersidskiiModel.from_dict(plain_model(self.content["model"]))
+
+    @property
+    def scope(self) -> str:
+        """Whether the claim holds for all initial states ("global") or in a region ("regional")."""
+        return "regional" if self.claim == "R" else "global"
+
+    @property
+    def operating_point(self) -> Float[ndarray, " n"]:
+        """The state about which stability is claimed, in the user's units."""
+        point = self.content["operating_point"]
+        return self.model.x_ref if point is None else np.array([value(pair) for pair in point["x"]])
+
+    @cached_property
+    def P(self) -> Float[ndarray, "n n"]:
+        """The matrix of the quadratic part of V."""
+        stored = self.content["P"]
+        if "diagonal" in stored:
+            return np.diag([value(pair) for pair in stored["diagonal"]])
+        rows = [[value(pair) for pair in row] for row in stored["lower"]]
+        lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
+        return lower + np.tril(lower, -1).T
+
+    @property
+    def rate(self) -> float | None:
+        """The decay rate kappa/2 of the state, in 1/s, rounded down; None for claims G and M, which have none."""
+        return bounds.below(bounds.exact(self.content["kappa"]) / 2) if self.claim in ("E", "R") else None
+
+    @property
+    def gain(self) -> float | None:
+        """The gain sqrt(gamma/(kappa p)) from sup|u - u*| to |x - x*|, rounded up; None for claims G and M."""
+        return bounds.above(bounds.gain(self.content)) if self.claim in ("E", "R") else None
+
+    @property
+    def gains(self) -> Float[ndarray, " m"] | None:
+        """The gain from sup|u_l - u_l*| to |x - x*| of each input, rounded up: their parts of the bound add up.
+
+        All equal `gain` unless the certificate was made with gains="each". None for claims G and M.
+        """
+        if self.claim not in ("E", "R"):
+            return None
+        found = bounds.gains(self.content, self.model.m + self._counts_b)
+        return np.array([bounds.above(ball) for ball in found[: self.model.m]])
+
+    @property
+    def input_bound(self) -> float | None:
+        """The admissible sup|u - u*| of a regional claim, rounded down; None for global claims."""
+        return bounds.below(bounds.exact(self.content["input_bound"])) if self.claim == "R" else None
+
+    @property
+    def level(self) -> float | None:
+        """The level c of the certified region {V <= c} of a regional claim; None for global claims."""
+        return bounds.below(bounds.exact(self.content["level"])) if self.claim == "R" else None
+
+    def overshoot(self, x0: Any) -> float:
+        """Return sqrt(V(x0)/p), rounded up: without input |x(t) - x*| never exceeds it.
+
+        Raises:
+            PersidError: the claim has no rate, or x0 lies outside the certified region.
+        """
+        return bounds.above(bounds.overshoot(self.content, self._start(x0)))
+
+    def bound(self, x0: Any, u_sup: Any, t: Any) -> Float[ndarray, " N"]:
+        """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
+
+        Where u_sup is a vector (m,), it bounds each input apart: sup|u_l - u_l*| <= u_sup[l]. Rounded outwards, in the
+        user's units; where b counts as one more input (no operating point), it is included.
+
+        Raises:
+            PersidError: the claim has no rate, x0 lies outside the certified region, or u_sup exceeds its input bound.
+            ModelError: x0, u_sup or t is no state, no size of an input, or no times from 0 on.
+        """
+        x0, t, u_sup = self._start(x0), np.atleast_1d(np.asarray(t, float)), np.asarray(u_sup, float)
+        if not (np.isfinite(u_sup).all() and (u_sup >= 0).all() and np.isfinite(t).all() and (t >= 0).all()):
+            raise ModelError(f"sup|u - u*| = {u_sup} and the times t must be finite and at least 0")
+        if u_sup.shape not in ((), (self.model.m,)):
+            raise ModelError(
+                f"u_sup has shape {u_sup.shape}; needed is a number, or one for each of {self.model.m} inputs"
+            )
+        if not self._admits(u_sup):
+            raise PersidError(
+                f"sup|u - u*| = {u_sup.tolist()} exceeds what the certificate admits: {self.input_bound:g} for |u - u*|"
+            )
+        if u_sup.ndim:
+            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self._counts_b], t)
+        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self._counts_b else float(u_sup)
+        return bounds.bound(self.content, x0, joint, t)
+
+    @property
+    def _counts_b(self) -> bool:
+        """Whether the constant b counts as one more input, held at 1."""
+        return self.content["operating_point"] is None and bool(self.model.b.any())
+
+    def _admits(self, u_sup: ndarray) -> bool:
+        """Whether a region stays invariant for inputs of this size: v'Gamma v <= kappa c."""
+        if self.input_bound is None:
+            return True
+        if not u_sup.ndim:
+            return bool(u_sup <= self.input_bound)
+        limit = bounds.exact(self.content["kappa"]) * bounds.exact(self.content["level"])
+        return bounds.supply(self.content, u_sup.tolist()) <= limit
+
+    def _start(self, x0: Any) -> ndarray:
+        """Return x0 as a state from which the estimate holds."""
+        if self.claim not in ("E", "R"):
+            raise PersidError(f"claim {self.claim} has no rate and no gain; certify gives them (claim E) where it can")
+        x0 = np.asarray(x0, float)
+        if x0.shape != (self.model.n,) or not np.isfinite(x0).all():
+            raise ModelError(f"x0 is {x0.tolist()}; needed are {self.model.n} finite numbers")
+        if self.claim == "R" and not bounds.is_in_region(self.content, x0):
+            raise PersidError(f"x0 = {x0.tolist()} is not proved to lie in the certified region")
+        return x0
+
+    def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
+        """Return the Lyapunov function at states x (N, n): V(x) = dx'P dx + 2 sum of integrals, dx = x - x*."""
+        channels, point = self.model.channels, self.operating_point
+        dx = np.asarray(x, float) - point
+        total = np.einsum("ki,ij,kj->k", dx, self.P, dx)
+        for group, stored in zip(persid_check.groups(self.model.to_dict()), self.content["groups"], strict=True):
+            row = np.zeros(self.model.n)
+            row[list(group.row)] = [float(v) for v in group.row.values()]
+            density = sum(
+                (
+                    value(mu) * np.array([value(c) for c in form])
+                    for mu, form in zip(stored["mu"], stored["forms"], strict=True)
+                ),
+                start=np.zeros(1 + len(group.members)),
+            )
+            y, at = dx @ row, float(row @ (point - self.model.x_ref))
+            total = total + density[0] * y**2
+            for weight, (c, alpha) in zip(density[1:], group.members, strict=True):
+                f, a = channels.functions[c], float(alpha)
+                start, slope = np.array([a * at]), f.value(np.array([a * at]))
+                integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y
+                total = total + 2 * weight * integral
+        return total

@@ -1,0 +1,72 @@
+"""certificates.encoding."""
+
+import json
+from typing import Any
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.errors import RoundingError
+
+FORMAT = "persid-certificate-1"
+
+
+def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
+    """Return an integer inverse Cholesky factor T of M: T M T' is nearly diagonal, the untrusted half of a proof.
+
+    Raises:
+        RoundingError: M is not positive definite in floating point.
+    """
+    size = len(M)
+    if not size:
+        return []
+    diagonal = np.diag(M)
+    if not (np.isfinite(M).all() and (diagonal > 0).all()):
+        raise RoundingError("a matrix of the proof has no positive diagonal")
+    exponents = -np.round(np.log2(diagonal) / 2).astype(int)
+    scaled = np.ldexp(np.ldexp(M, exponents), exponents[:, None])
+    try:
+        L = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
+    T: Any = sla.lapack.dtrtri(L, lower=1)[0]
+    condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
+    bits = int(np.clip(np.ceil(np.log2(10 * size * condition)), 12, 50))
+    shifts = [int(e) for e in exponents - exponents.min()]
+    entries = np.round(np.ldexp(T, bits)).tolist()
+    return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]
+
+
+def encode(content: dict[str, Any]) -> bytes:
+    """Write a certificate's object as readable JSON: one line for a row of numbers."""
+    lines = [f"{json.dumps(name)}: {_lines(entry)}" for name, entry in content.items()]
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode("utf-8")
+
+
+def _lines(entry: Any, depth: int = 1) -> str:
+    compact = json.dumps(entry)
+    if len(compact) < 100 or depth > 3 or not isinstance(entry, list | dict):
+        return compact
+    pad = " " * depth
+    if isinstance(entry, list):
+        return "[\n" + ",\n".join(pad + _lines(part, depth + 1) for part in entry) + "]"
+    return (
+        "{\n" + ",\n".join(f"{pad}{json.dumps(name)}: {_lines(part, depth + 1)}" for name, part in entry.items()) + "}"
+    )
+
+
+def plain_model(form: Any) -> Any:
+    """Turn the canonical form's hexadecimal floats back into numbers."""
+    data = dict(form)
+    for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
+        data[name] = _numbers(data[name])
+    data["terms"] = [{"f": t["f"], "R": _numbers(t["R"]), "A": _numbers(t["A"])} for t in data["terms"]]
+    return data
+
+
+def _numbers(entry: Any) -> Any:
+    if isinstance(entry, list):
+        return [_numbers(part) for part in entry]
+    return float.fromhex(entry) if isinstance(entry, str) else entry

@@ -1,0 +1,94 @@
+"""Obstructions: an exact dual matrix X = L L' shows that a family of Lyapunov functions holds no certificate."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid._dyadics import dyadics
+from persid._files import write_atomically
+from persid.certificates.encoding import FORMAT, encode, factor
+from persid.errors import RoundingError
+from persid.lyapunov.search import Outcome
+from persid.lyapunov.system import System
+from persid.models.model import PersidskiiModel
+from persid_check import canonical_model
+
+BITS = 40  # of the largest entry of L
+
+
+@dataclass(frozen=True, eq=False)
+class Obstruction:
+    """A proof, accepted by `persid_check`, that no certificate exists in a family; it does not refute stability."""
+
+    data: bytes
+    statement: str
+
+    def save(self, path: str | Path) -> None:
+        """Write the accepted bytes."""
+        write_atomically(path, self.data)
+
+    @cached_property
+    def content(self) -> dict[str, Any]:
+        """The file as an object."""
+        return json.loads(self.data)
+
+
+def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | None:
+    """Return the obstruction that the dual matrix of an infeasible search is, if the checker accepts it."""
+    system, full = outcome.assembly.system, outcome.assembly.problem.symmetric > 0
+    if outcome.assembly.target.kappa or len(system.states) < model.n:
+        return None
+    try:
+        L = _factor(outcome)
+        content: dict[str, Any] = {
+            "format": FORMAT,
+            "claim": "infeasible",
+            "statement": "No certificate exists in this family of Lyapunov functions; stability is not refuted.",
+            "model_sha256": model.sha256,
+            "model": canonical_model(model.to_dict()),
+            "family": "full" if full else "diagonal",
+            "groups": [{"forms": _forms(system, g, outcome)} for g in range(len(system.groups))],
+            "L": [[int(v) for v in row] for row in _all_entries(model, system, L)],
+            "proof": {"P": factor(_lyapunov_product(system, L))} if full else {},
+        }
+    except (RoundingError, np.linalg.LinAlgError):
+        return None
+    data = encode(content)
+    answer = persid_check.check(data)
+    accepted = isinstance(answer, persid_check.Accepted) and answer.claim == "infeasible"
+    return Obstruction(data, answer.statement) if isinstance(answer, persid_check.Accepted) and accepted else None
+
+
+def _factor(outcome: Outcome) -> Float[ndarray, "N r"]:
+    """Return integers L with L L' close to X in the units of z."""
+    w = outcome.assembly.units.entries
+    L = np.linalg.cholesky(outcome.solution.X) * w[:, None]
+    return np.round(np.ldexp(L, BITS - int(np.ceil(np.log2(np.abs(L).max())))))
+
+
+def _all_entries(model: PersidskiiModel, system: System, L: ndarray) -> ndarray:
+    """Return L with a zero row for each channel that has no place in z."""
+    rows = np.zeros((model.n + len(model.channels.functions), L.shape[1]))
+    rows[: model.n] = L[: model.n]
+    rows[[model.n + c for c in system.channels]] = L[model.n :]
+    return rows
+
+
+def _lyapunov_product(system: System, L: ndarray) -> ndarray:
+    GX = (system.G @ L) @ L[: system.n].T
+    return GX + GX.T
+
+
+def _forms(system: System, g: int, outcome: Outcome) -> list[list[list[int]]]:
+    """Return the forms of a group's pool over (y, every member)."""
+    group, pool = system.groups[g], outcome.assembly.families[g].forms
+    forms = np.zeros((len(pool), 1 + len(group.members)))
+    forms[:, [0, *(1 + group.members.index(c) for c in group.channels)]] = pool
+    return [dyadics(form) for form in forms]

@@ -1,0 +1,100 @@
+"""certificates.stability."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid._dyadics import _floor, dyadic, dyadics, rounded
+from persid.certificates.encoding import FORMAT, encode, factor
+from persid.lyapunov.multipliers import Chosen, Lyapunov
+from persid.lyapunov.operating_points import OperatingPoint
+from persid.lyapunov.sectors import Group
+from persid.lyapunov.system import System
+from persid.models.model import PersidskiiModel
+from persid_check import canonical_model
+
+
+def write(
+    model: PersidskiiModel,
+    lyapunov: Lyapunov,
+    point: OperatingPoint | None = None,
+    box: Float[ndarray, "n 2"] | None = None,
+    *,
+    reach: Float[ndarray, " n"] | None = None,
+) -> bytes:
+    """Return the bytes of a certificate: claim R with a box, claim E with a rate, else G (all states kept) or M.
+
+    `reach` is the distance h of x* from the box, per state, for claim R.
+    """
+    system, states = lyapunov.system, list(lyapunov.system.states)
+    rate, regional = lyapunov.kappa > 0, box is not None
+    claim = "R" if regional else "E" if rate else "G" if len(states) == model.n else "M"
+    side, Gamma, gamma = _inputs(lyapunov)
+    block = np.block([[lyapunov.decrease, side], [side.T, Gamma]])
+    below = lyapunov.below[np.ix_(states, states)]
+    p = _floor(np.linalg.eigvalsh(below)[0]) if rate else 0.0
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "claim": claim,
+        "statement": f"The model is input-to-state stable ({'in a region' if regional else 'for all initial states'}).",
+        "model_sha256": model.sha256,
+        "model": canonical_model(model.to_dict()),
+        "operating_point": None if point is None else point.to_dict(),
+        "P": _stored(lyapunov.P),
+        "groups": [_group(group, part, claim) for group, part in zip(system.groups, lyapunov.chosen, strict=True)],
+        "dropped": [i for i in range(model.n) if i not in states] + _absent(model, system),
+        "gamma": gamma,
+    }
+    if rate:
+        content |= {"kappa": dyadic(lyapunov.kappa), "p": dyadic(p)}
+    if box is not None and reach is not None:
+        level = _floor(float((reach**2 / np.diag(np.linalg.inv(below))).min()))
+        bound = _floor(np.sqrt(lyapunov.kappa * level / _largest(Gamma)))
+        content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
+    content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
+    return encode(content)
+
+
+def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, Any]:
+    """Return -E B and Gamma in the user's units, and Gamma as the file has it: gamma I, or a matrix."""
+    side = -lyapunov.E @ lyapunov.system.B
+    if lyapunov.units is None:
+        return side, lyapunov.gamma * np.eye(side.shape[1]), dyadic(lyapunov.gamma)
+    Gamma = rounded(lyapunov.coupling / lyapunov.units / lyapunov.units[:, None])
+    return side / lyapunov.units, Gamma, {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}
+
+
+def _largest(Gamma: ndarray) -> float:
+    """Return what the checker takes for the largest eigenvalue: (tr Gamma^16)^(1/16); exact for gamma I."""
+    if not Gamma.size or np.array_equal(Gamma, Gamma[0, 0] * np.eye(len(Gamma))):
+        return float(Gamma[0, 0]) if Gamma.size else 1.0
+    return float((np.linalg.eigvalsh(Gamma) ** 16).sum() ** (1 / 16))
+
+
+def _stored(P: ndarray) -> dict[str, Any]:
+    if np.array_equal(P, np.diag(np.diag(P))):
+        return {"diagonal": dyadics(np.diag(P))}
+    return {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(P)]}
+
+
+def _absent(model: PersidskiiModel, system: System) -> list[int]:
+    present = set(system.channels)
+    return [model.n + c for c in range(len(model.channels.functions)) if c not in present]
+
+
+def _group(group: Group, part: Chosen, claim: str) -> dict[str, Any]:
+    """Write a group: its forms over (y, every member), zero at members without effect."""
+    forms = np.zeros((len(part.forms), 1 + len(group.members)))
+    forms[:, [0, *(1 + group.members.index(c) for c in group.channels)]] = part.forms
+    stored: dict[str, Any] = {
+        "forms": [dyadics(form) for form in forms],
+        "mu": dyadics(part.mu),
+        "products": [[k, j, dyadic(tau)] for k, j, tau in part.products],
+    }
+    if claim in ("E", "R"):
+        stored["integral"] = [dyadic(c) if mu else None for c, mu in zip(part.upper, part.mu, strict=True)]
+    if claim == "R":
+        stored["quadratic"] = [dyadic(d) if mu else None for d, mu in zip(part.lower, part.mu, strict=True)]
+    return stored

@@ -1,0 +1,17 @@
+"""certificates.tables."""
+
+from typing import Any
+
+from persid._html import table
+from persid._text import above, below
+from persid.models.tables import MOST_STATES
+
+
+def of_certificate(certificate: Any) -> str:
+    """Return what a certificate claims, in figures and in the checker's words."""
+    rows = [("claim", certificate.claim), ("scope", certificate.scope)]
+    if certificate.model.n <= MOST_STATES:
+        rows.append(("operating point", ", ".join(f"{x:.5g}" for x in certificate.operating_point)))
+    rows += [] if certificate.rate is None else [("rate, 1/s", below(certificate.rate))]
+    rows += [] if certificate.gain is None else [("gain", above(certificate.gain))]
+    return table("Certificate", (), [*rows, ("statement", certificate.statement)])

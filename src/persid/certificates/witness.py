@@ -1,0 +1,220 @@
+"""Witnesses: what refutes input-to-state stability at the nominal input, found here and proved by `persid_check`."""
+
+import json
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg as sla
+from flint import fmpq, fmpq_mat
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid._dyadics import dyadic, dyadics, rounded
+from persid._files import write_atomically
+from persid.certificates.encoding import FORMAT, encode, factor
+from persid.errors import RoundingError
+from persid.lyapunov.operating_points import OperatingPoint
+from persid.models.model import PersidskiiModel
+from persid_check import canonical_model
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """A proof that a model is not input-to-state stable, accepted by `persid_check` byte for byte.
+
+    `sentence` is for people; `statement` and `steps` are the checker's own words.
+    """
+
+    data: bytes
+    kind: str
+    sentence: str
+    statement: str
+    steps: tuple[str, ...]
+
+    def save(self, path: str | Path) -> None:
+        """Write the accepted bytes."""
+        write_atomically(path, self.data)
+
+    @cached_property
+    def content(self) -> dict[str, Any]:
+        """The witness file as an object."""
+        return json.loads(self.data)
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    kind: str
+    fields: dict[str, Any]
+    sentence: str
+
+
+def find_witness(model: PersidskiiModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]) -> Witness | None:
+    """Return the first witness that the checker accepts, cheap ones first; `points` are proved equilibria at u."""
+    for make in _KINDS:
+        for candidate in make(model, u, points):
+            data = encode(
+                {
+                    "format": FORMAT,
+                    "claim": "refuted",
+                    "statement": candidate.sentence,
+                    "model_sha256": model.sha256,
+                    "model": canonical_model(model.to_dict()),
+                    "u": dyadics(u),
+                    "witness": {"kind": candidate.kind, **candidate.fields},
+                }
+            )
+            answer = persid_check.check(data)
+            if isinstance(answer, persid_check.Accepted) and answer.claim == "refuted":
+                return Witness(data, candidate.kind, candidate.sentence, answer.statement, answer.steps)
+    return None
+
+
+def _at(model: PersidskiiModel, u: ndarray) -> str:
+    return "without input" if not model.m else f"at its nominal input u = {_numbers(u)}"
+
+
+def _numbers(x: ndarray) -> str:
+    shown = ", ".join(f"{v:.4g}" for v in x[:6]) + (", …" if len(x) > 6 else "")
+    return shown if len(x) == 1 else f"({shown})"
+
+
+def _unstable_equilibrium(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    """A quadratic form that grows along the linearisation where the Jacobian has an unstable eigenvalue."""
+    for point in points:
+        grown = _growth(model.jacobian(point.x))
+        if grown is not None:
+            sentence = f"{_at(model, u)} its equilibrium {_numbers(point.x)} is unstable, so the model is not ISS."
+            yield _Candidate(
+                "unstable-equilibrium",
+                {"point": point.to_dict(with_input=False), **grown},
+                sentence[0].upper() + sentence[1:],
+            )
+
+
+def _unstable_linear_part(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    grown = _growth(model.channels.A0)
+    if grown is not None:
+        sentence = "Its functions are bounded and its linear part is unstable: from far out it diverges."
+        yield _Candidate("unstable-linear-part", grown, sentence)
+
+
+def _growth(J: Float[ndarray, "n n"]) -> dict[str, Any] | None:
+    """Return S, sigma and e with J'S + S J - 2 sigma S near I and e'Se > 0, or None; J may be stable, or not finite."""
+    if not np.isfinite(J).all():
+        return None
+    largest = float(np.linalg.eigvals(J).real.max())
+    if largest <= 0:
+        return None
+    for share in (0.5, 0.75, 0.25, 0.9):
+        sigma = rounded(np.array([share * largest]), 20)[0]
+        shifted = J - sigma * np.eye(len(J))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of a singular equation: S is judged by the checker
+                S = sla.solve_continuous_lyapunov(shifted.T, np.eye(len(J)))
+            S = rounded((S + S.T) / 2 / np.abs(S).max(), 44)
+            e = rounded(np.linalg.eigh(S)[1][:, -1], 20)
+            T = factor(shifted.T @ S + S @ shifted)
+        except (np.linalg.LinAlgError, RoundingError, ValueError):
+            continue
+        lower = [dyadics(row[: i + 1]) for i, row in enumerate(S)]
+        return {"S": lower, "sigma": dyadic(float(sigma)), "direction": dyadics(e), "T": T}
+    return None
+
+
+def _two_equilibria(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    for second in points[1:]:
+        first = points[0]
+        sentence = (
+            f"{_at(model, u)} the model rests at both {_numbers(first.x)} and {_numbers(second.x)}, "
+            "so it is not ISS about either."
+        )
+        pair = [first.to_dict(with_input=False), second.to_dict(with_input=False)]
+        yield _Candidate("two-equilibria", {"points": pair}, sentence[0].upper() + sentence[1:])
+
+
+def _marginal_direction(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    """Exact vectors w with w'A0 = 0, both signs: some constant input may drive w'x to infinity."""
+    for w in _left_kernel(model.channels.A0):
+        for sign in (1, -1):
+            direction = [sign * v for v in w]
+            if np.any(np.array([float(v) for v in direction]) @ model.B):
+                size = max(abs(v) for v in direction)
+                sentence = (
+                    f"Along w = {_numbers(np.array([float(v) for v in direction]))} it has no linear restoring force: "
+                    "a large enough constant input drives w'x to infinity."
+                )
+                if size < 2**200:
+                    yield _Candidate("marginal-direction", {"direction": [[int(v), 0] for v in direction]}, sentence)
+
+
+def _left_kernel(A0: ndarray) -> Iterator[list[int]]:
+    """Yield integer vectors spanning {w : w'A0 = 0}, exactly; nothing for large models."""
+    n = len(A0)
+    if n > 60 or np.linalg.matrix_rank(A0) == n:
+        return
+    entries = [Fraction(float(v)) for v in A0.T.ravel()]
+    reduced, rank = fmpq_mat(n, n, [fmpq(v.numerator, v.denominator) for v in entries]).rref()
+    pivots = [next(j for j in range(n) if reduced[i, j] != 0) for i in range(rank)]
+    for free in (j for j in range(n) if j not in pivots):
+        w = [Fraction(0)] * n
+        w[free] = Fraction(1)
+        for i, pivot in enumerate(pivots):
+            entry = reduced[i, free]
+            w[pivot] = -Fraction(int(entry.p), int(entry.q))
+        scale = int(np.lcm.reduce([v.denominator for v in w], dtype=object))
+        yield [int(v * scale) for v in w]
+
+
+def _cooperative_growth(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    """Starts above an equilibrium, along the direction that grows fastest there and along the diagonal."""
+    for point in points[:3]:
+        J = model.jacobian(point.x)
+        if not np.isfinite(J).all():
+            continue
+        values, vectors = np.linalg.eig(J)
+        perron = np.abs(vectors[:, np.argmax(values.real)].real)
+        for direction in (perron, np.ones(model.n)):
+            for size in (0.01, 0.1, 1.0, 10.0, 100.0):
+                start = rounded(point.x + size * direction / max(direction.max(), 1e-300), 30)
+                with np.errstate(all="ignore"):
+                    growing = (model.rhs(start, u) > 0).all()
+                if growing:
+                    sentence = f"It is cooperative, and from {_numbers(start)} on every state grows: it never returns."
+                    fields = {"point": point.to_dict(with_input=False), "start": dyadics(start)}
+                    yield _Candidate("cooperative-growth", fields, sentence)
+
+
+def _invariant_line(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    """Lines along a state, the diagonal, or a difference of two states, that the flow does not leave."""
+    if model.n > 20:
+        return
+    units = [np.eye(model.n)[i] for i in range(model.n)]
+    for v in [*units, np.ones(model.n), *(units[0] - w for w in units[1:])]:
+        for offset in (1.0, -1.0, 4.0, -4.0, 32.0, -32.0):
+            with np.errstate(all="ignore"):
+                speed = model.rhs(model.x_ref + offset * v, u)
+            along = float(speed @ v) / float(v @ v)
+            if offset * along >= 0 and np.allclose(speed, along * v, rtol=1e-9, atol=1e-9):
+                sentence = f"From x_ref + {offset:g} v, v = {_numbers(v)}, it never returns: the line is invariant."
+                yield _Candidate("invariant-line", {"direction": dyadics(v), "offset": dyadic(offset)}, sentence)
+
+
+_KINDS: tuple[Callable[[PersidskiiModel, ndarray, Sequence[OperatingPoint]], Iterator[_Candidate]], ...] = (
+    _two_equilibria,
+    _unstable_equilibrium,
+    _marginal_direction,
+    _unstable_linear_part,
+    _cooperative_growth,
+    _invariant_line,
+)

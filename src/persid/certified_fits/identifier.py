@@ -1,0 +1,356 @@
+"""CertifiedIdentifier: the best model that is certified, of the data and functions of any estimator."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils.validation import check_is_fitted
+
+from persid._dyadics import value
+from persid._threads import few_threads
+from persid.certificates.certificate import Certificate
+from persid.certified_fits.candidates import (
+    Candidate,
+    Choice,
+    Dictionary,
+    dictionary,
+    estimator_with,
+    free_run_error,
+    halves,
+    lowest_error,
+    ranked,
+    scored,
+    shortened,
+    shown,
+    trials,
+)
+from persid.certified_fits.comparison import CertifiedReport, comparison
+from persid.certified_fits.joint_problem import Demand
+from persid.certified_fits.multistart import Line, Result, Task, best_certified, certificate_of, sketch
+from persid.errors import DataError
+from persid.identification import free_runs as freerun
+from persid.identification.identifier import PersidskiiIdentifier
+from persid.identification.refinement import Pieces
+from persid.lyapunov.shifted_model import undefined
+from persid.measurements.trajectories import Trajectories
+from persid.models.model import PersidskiiModel
+from persid.verdicts.certify import certify
+from persid.verdicts.verdict import Attempt, Certified, Reason, Undecided, Verdict
+
+SCOPES = ("global", "regional")
+RIDGES = (1.0, 1e-2, 1e-4)  # strengths that are tried, in units of the free fit's
+LEAST_RIDGE = 1e-8
+TRIED_STATES = 6  # several ridges are tried up to this many states
+RATING = 10.0  # s, at least, in which a rate and a gain are sought
+GAIN_RATES = (0.5, 0.2, 0.05)  # shares of the linear fit's decay rate at which a gain is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """What a run delivers: a model with its verdict, and the comparison of both fits where there were two."""
+
+    model: PersidskiiModel
+    verdict: Verdict
+    comparison: dict[str, Any] | None = None
+
+
+def deliver(
+    free: Any,
+    verdict: Verdict,
+    data: Trajectories,
+    time_limit: float | int = 60.0,
+    progress: Callable[[str], None] | None = None,
+    select: str | None = None,
+) -> Delivery:
+    """Keep a free fit that is certified globally; else deliver a fit under the certificate where one is found.
+
+    With select="auto" the functions are selected under the certificate in any case.
+    """
+    if select is None and isinstance(verdict, Certified) and verdict.certificate.scope == "global":
+        return Delivery(free.model_, verdict)
+    began = time.perf_counter()
+    fit = CertifiedIdentifier(free, select=select, time_limit=max(time_limit, 1e-3), progress=progress).fit(data)
+    compared = comparison(fit.report_, type(verdict).__name__.lower())
+    if not isinstance(fit.verdict_, Certified):
+        return Delivery(free.model_, verdict, compared)
+    compared["free_model"] = free.model_.to_dict()
+    left = max(time_limit - (time.perf_counter() - began), RATING)
+    return Delivery(fit.model_, rated(fit.model_, fit.verdict_, left, progress), compared)
+
+
+def rated(
+    model: PersidskiiModel, verdict: Certified, time_limit: float | int, progress: Callable[[str], None] | None = None
+) -> Certified:
+    """Return the verdict with a rate and a gain, or in a region with a larger rate, where that is found; else as given.
+
+    The multipliers of a fit are those of its data's best model, at the edge of what can be certified; for that model
+    `certify` finds larger rates and smaller gains.
+    """
+    regional = verdict.certificate.claim == "R"
+    found = certify(model, domain="data" if regional else "global", time_limit=time_limit, progress=progress)
+    if not isinstance(found, Certified) or found.certificate.claim != ("R" if regional else "E"):
+        return verdict
+    if (found.certificate.rate or 0.0) <= (verdict.certificate.rate or 0.0):
+        return verdict
+    return Certified(found.certificate, verdict.attempts + found.attempts)
+
+
+class CertifiedIdentifier(BaseEstimator):
+    """Fit a model under the condition that its input-to-state stability has a proof that the checker accepts.
+
+    estimator: a PersidskiiIdentifier, fitted or not; its method, functions, pattern and other options are taken over.
+    scope: "global", or "regional" (the box of the data).
+    margin: of the matrix inequality, in scaled units (tr P + sum mu = 1).
+    min_rate: None, or the least certified rate of decay in 1/s.  max_gain: None, or the largest certified gain.
+    fixed: known coefficients, {(state, column): number}; columns are named as by `get_feature_names_out`.
+    select: None (the estimator's functions), or "auto": also smaller dictionaries, chosen by validation free runs.
+    ridge: "auto" (the free fit's and weaker ones, chosen by validation free runs) or a strength.
+    time_limit: seconds for the whole fit, the free one not counted.
+    progress: is called with a line of text at each step.
+
+    After `fit`: free_ (the fitted estimator), model_ (certified; where none was found, the free model), certificate_
+    (None where none was found), verdict_ (Certified or Undecided), report_, history_, table_, stop_.
+    """
+
+    def __init__(
+        self,
+        estimator: Any = None,
+        *,
+        scope: str = "global",
+        margin: float | int = 1e-5,
+        min_rate: float | int | None = None,
+        max_gain: float | int | None = None,
+        fixed: Mapping[tuple[str, str], float | int] | None = None,
+        select: str | None = None,
+        ridge: float | int | str = "auto",
+        time_limit: float | int = 60.0,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.estimator = estimator
+        self.scope = scope
+        self.margin = margin
+        self.min_rate = min_rate
+        self.max_gain = max_gain
+        self.fixed = fixed
+        self.select = select
+        self.ridge = ridge
+        self.time_limit = time_limit
+        self.progress = progress
+
+    def fit(
+        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None
+    ) -> "CertifiedIdentifier":
+        """Fit freely, then under the certificate; X, y, u, t and dt are those of the estimator's `fit`.
+
+        Raises:
+            DataError: an option or the data cannot be used.
+        """
+        _check_options(self)
+        estimator = PersidskiiIdentifier() if self.estimator is None else self.estimator
+        given = {"u": u, "t": t, "dt": dt}
+        self.free_ = clone(estimator).fit(X, y, **given)
+        data = self.free_._known(X, **given)
+        began = time.perf_counter()
+        deadline = began + self.time_limit
+        outside = undefined(self.free_.model_) if self.scope == "global" and self.select is None else ()
+        with few_threads(self.free_.model_.n):
+            self.table_ = () if outside or y is not None else self._candidates(data, deadline)
+            found = None if outside else self._final(X, y, given, data, self.table_, deadline)
+        result, history, chosen = found or (None, (), Choice(None, self.free_.ridge_))
+        seconds = time.perf_counter() - began
+        self.history_, self.ridge_ = history, None if result is None else chosen.ridge
+        self._deliver(result, data, seconds, outside)
+        return self
+
+    def _final(
+        self, X: Any, y: Any, given: dict[str, Any], data: Trajectories, table: tuple[Candidate, ...], deadline: float
+    ) -> tuple[Result | None, tuple[Line, ...], Choice]:
+        """Fit to all data with the best candidate; where that is not certified, with the next ones."""
+        history: tuple[Line, ...] = ()
+        choice = Choice(None, self.free_.ridge_)
+        for choice in ranked(table, self.free_.ridge_ if self.ridge == "auto" else float(self.ridge)):
+            fitted = self.free_
+            if choice.functions not in (None, self._dictionary):
+                fitted = estimator_with(self.free_, choice.functions).fit(X, y, **given)
+            result, lines = self._certified(fitted, choice.ridge, data, deadline)
+            history += lines
+            if result is not None or time.perf_counter() > deadline:
+                return result, history, choice
+        return None, history, choice
+
+    def _certified(
+        self, fitted: Any, ridge: float, data: Trajectories, deadline: float
+    ) -> tuple[Result | None, tuple[Line, ...]]:
+        history: tuple[Line, ...] = ()
+        for demand in self._demands(fitted):
+            task = self._task(fitted, ridge, demand, deadline)
+            score = partial(free_run_error, data=shortened(data), hold=self.free_.hold)
+            result, lines = best_certified(replace(task, score=score, pieces=Pieces.of(data, self.free_.hold)))
+            history += lines
+            if result is not None and self._meets(result.certificate):
+                return result, history
+        return None, history
+
+    def _task(self, fitted: Any, ridge: float, demand: Demand, deadline: float) -> Task:
+        gram, box = fitted.gram_, fitted.model_.domain
+        provenance = fitted.model_.provenance | {"fitted_under": "certificate", "ridge": ridge}
+
+        def make(theta: Float[ndarray, "p n"]) -> PersidskiiModel:
+            return gram.basis.model(theta, domain=box, provenance=provenance)
+
+        return Task(
+            gram, ridge, _fixed(self.fixed, fitted), demand, make, box if self.scope == "regional" else None,
+            deadline, self.progress or (lambda line: None),
+        )  # fmt: skip
+
+    def _demands(self, fitted: Any) -> Iterator[Demand]:
+        """Yield what the inequality has to show: a gain needs some rate, and several are tried."""
+        rate = 0.0 if self.min_rate is None else float(self.min_rate)
+        if self.max_gain is None:
+            yield Demand(float(self.margin), 2.0 * rate * (1 + 1e-6))
+            return
+        fastest = -float(np.linalg.eigvals(fitted.model_.jacobian(fitted.model_.x_ref)).real.max())
+        tried = [rate] if rate else [share * (fastest if fastest > 0 else 1.0) for share in GAIN_RATES]
+        for chosen in tried:
+            kappa = 2.0 * chosen * (1 + 1e-6)
+            yield Demand(float(self.margin), kappa, 0.9 * float(self.max_gain) ** 2 * kappa)
+
+    def _meets(self, certificate: Certificate) -> bool:
+        """Whether the accepted certificate shows the rate and the gain that were asked for."""
+        if self.min_rate is None and self.max_gain is None:
+            return True
+        kappa, gamma, p = (value(certificate.content[name]) for name in ("kappa", "gamma", "p"))
+        slow = self.min_rate is not None and kappa / 2 < self.min_rate
+        strong = self.max_gain is not None and np.sqrt(gamma / (kappa * p)) > self.max_gain
+        return not (slow or strong)
+
+    @property
+    def _dictionary(self) -> Dictionary:
+        return dictionary(self.free_.functions, len(self.free_.model_.states))
+
+    def _candidates(self, data: Trajectories, deadline: float) -> tuple[Candidate, ...]:
+        """Fit candidates to the first part of every run, and score them on the rest."""
+        ridges = [float(self.ridge)] if self.ridge != "auto" else self._ridges(len(data.states))
+        parts, table = halves(data), list[Candidate]()
+        if parts is None or (self.select is None and len(ridges) < 2):
+            return ()
+        until = deadline - 0.5 * self.time_limit  # half of the time is for the candidates
+        for choice in trials(self._dictionary, ridges, table, self.select == "auto"):
+            left = until - time.perf_counter()
+            if left <= 0:
+                break
+            table.append(self._candidate(choice, *parts, 0.5 * left, lowest_error(table)))
+        return tuple(table)
+
+    def _candidate(
+        self, choice: Choice, train: Trajectories, test: Trajectories, limit: float, bar: float
+    ) -> Candidate:
+        """Fit one candidate to the first part; where functions are selected, polish it, and prove it if it leads."""
+        began = time.perf_counter()
+        functions = choice.functions or self._dictionary
+        fitted = estimator_with(self.free_, functions).set_params(derivatives=0, delays=0).fit(train)
+        selecting = self.select == "auto"
+        task = self._task(fitted, choice.ridge, next(self._demands(fitted)), began + limit)
+        found = sketch(replace(task, pieces=Pieces.of(train, self.free_.hold)) if selecting else task)
+        error, r2, certified = np.inf, -np.inf, None
+        if found is not None:
+            model = task.make(found.theta)
+            error, r2 = scored(model, test, self.free_.hold)
+            if selecting and error < bar:
+                certified = certificate_of(task, found.frame, model, found.point) is not None
+        excess = np.inf if found is None else found.excess
+        names, seconds = shown(functions, self.free_.model_.states), time.perf_counter() - began
+        return Candidate(functions, names, choice.ridge, found is not None, certified, error, r2, excess, seconds)
+
+    def _ridges(self, n: int) -> list[float]:
+        strengths = [max(self.free_.ridge_ * share, LEAST_RIDGE) for share in RIDGES]
+        return list(dict.fromkeys(strengths)) if n <= TRIED_STATES else [self.free_.ridge_]
+
+    def _deliver(self, result: Result | None, data: Trajectories, seconds: float, outside: tuple[str, ...]) -> None:
+        attempts = tuple(
+            Attempt(f"fit, {line.start}", "certified" if line.certified else line.stop, line.seconds)
+            for line in self.history_
+        )
+        self.model_ = self.free_.model_ if result is None else result.model
+        runs = shortened(data)
+        free, certified = (
+            freerun.free_run_score(model, runs, self.free_.hold) for model in (self.free_.model_, self.model_)
+        )
+        best = next((line for line in reversed(self.history_) if line.certified), None)
+        if result is None:
+            self.stop_ = "No certified model was found; model_ is the free fit, which has no certificate."
+            reason = Reason.TIME if seconds >= self.time_limit else Reason.STALLED  # nothing is proved by finding none
+            if outside:
+                reason, self.stop_ = Reason.OUTSIDE, f"{_UNDEFINED.format('; '.join(outside[:4]))} {self.stop_}"
+            self.verdict_: Verdict = Undecided(reason, self.stop_, attempts)
+        else:
+            self.stop_ = "" if best is None else best.stop
+            proved = Certified(result.certificate, attempts)
+            unasked = self.min_rate is None and self.max_gain is None
+            if self.scope == "regional" and unasked:
+                proved = rated(result.model, proved, max(self.time_limit - seconds, RATING), self.progress)
+            self.verdict_ = proved
+        self.certificate_ = self.verdict_.certificate if isinstance(self.verdict_, Certified) else None
+        excess = None if result is None else result.excess
+        self.report_ = CertifiedReport(
+            free,
+            None if result is None else certified,
+            self.ridge_,
+            excess,
+            self.stop_,
+            seconds,
+            self.history_,
+            self.table_,
+        )
+
+    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
+        """Return, for every sample, the state one step later (all runs one below the other)."""
+        check_is_fitted(self, "model_")
+        data = self.free_._known(X, u, t, dt)
+        return np.concatenate([freerun.one_step(self.model_.rhs, run, self.free_.hold) for run in data])
+
+    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+        """Simulate the model from x0; see the model's."""
+        check_is_fitted(self, "model_")
+        return self.model_.simulate(x0, t, u)
+
+    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
+        """Return the R2 of free runs over all runs, the mean over states; y is ignored."""
+        check_is_fitted(self, "model_")
+        return freerun.free_run_score(self.model_, self.free_._known(X, u, t, dt), self.free_.hold).r2_mean
+
+
+_UNDEFINED = (
+    "It is not proved that {} is defined and continuous for all states, which a global claim needs; ask for a region: "
+    'scope="regional".'
+)
+
+
+def _fixed(fixed: Mapping[tuple[str, str], float | int] | None, fitted: Any) -> Float[ndarray, "p n"]:
+    """Return the given coefficients as an array, NaN where none is given."""
+    names, states = list(fitted.get_feature_names_out()), list(fitted.model_.states)
+    array = np.full(fitted.gram_.H.shape, np.nan)
+    for (state, column), number in (fixed or {}).items():
+        if state not in states or column not in names:
+            raise DataError(f"fixed names ({state!r}, {column!r}); states are {states}, columns {names}")
+        array[names.index(column), states.index(state)] = float(number)
+    return array
+
+
+def _check_options(estimator: CertifiedIdentifier) -> None:
+    if estimator.scope not in SCOPES:
+        raise DataError(f"scope={estimator.scope!r}; choose one of {', '.join(SCOPES)}")
+    if estimator.select not in (None, "auto"):
+        raise DataError(f'select={estimator.select!r}; needed is None or "auto"')
+    for name in ("margin", "min_rate", "max_gain", "time_limit"):
+        number = getattr(estimator, name)
+        if number is not None and not (np.isfinite(number) and number > 0):
+            raise DataError(f"{name}={number!r}; needed is a positive number")
+    if estimator.ridge != "auto" and (isinstance(estimator.ridge, str) or not estimator.ridge >= 0):
+        raise DataError(f'ridge={estimator.ridge!r}; needed is "auto" or a number >= 0')

@@ -1,0 +1,185 @@
+"""The commands that prove: certify and check."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from persid.commands.console import Talk, complain
+from persid.commands.exit_codes import (
+    DONE,
+    EXIT,
+    INTERRUPTED,
+    REFUTED,
+    UNDECIDED,
+    WRONG,
+    attempt_rows,
+    named_gains,
+    question,
+    read_model,
+    refuse_unwritable,
+    uninterrupted,
+    verdict_rows,
+)
+from persid.commands.options import FILE, NEW_FILE, batching, proving, talking
+
+if TYPE_CHECKING:
+    from persid.models.model import PersidskiiModel
+
+
+@click.command()
+@click.argument("models", nargs=-1, required=True, type=FILE, metavar="MODEL.json...")
+@click.option(
+    "-o", "--output", type=NEW_FILE, required=True, help="The certificate to write; of several models, MODEL.NAME each."
+)
+@proving
+@click.option(
+    "--gains",
+    type=click.Choice(["joint", "each"]),
+    default="joint",
+    show_default=True,
+    help="One gain for all inputs together, or one for each input.",
+)
+@click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
+@batching
+@talking
+def certify(
+    models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
+    gains: str, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
+) -> int:  # fmt: skip
+    """Decide whether models are input-to-state stable, and write the proofs.
+
+    A file is written only when the checker has accepted it: a certificate, a witness against stability, or, of an
+    undecided model, the proof that no certificate of the family exists, where there is one. A certificate of another
+    model under that name is removed.
+    Of several models, one that cannot be read or decided does not stop the others. The exit code is then 1 if one is
+    refuted, else 2 if one failed, else 3 if one stays undecided, else 0. After Ctrl-C the proofs of the models that
+    were decided are written.
+
+    \b
+    Example:
+      persid certify model.json -o certificate.json
+    """
+    talk = Talk(as_json, quiet)
+    targets = _targets(models, output)
+    asked = {**question(operating_point, u_op, domain, time_limit), "gains": gains}
+    subjects = [read_model(models[0])] if len(models) == 1 else list(models)
+    for target in targets:
+        refuse_unwritable(target)
+    with talk.progress() as progress:
+        verdicts = _verdicts(subjects, asked, jobs, engine, scheduler, progress)
+    found, rows, codes = [], [], []
+    for path, verdict, target in zip(models, verdicts, targets, strict=True):
+        facts, lines, code = _told(path, verdict, target, explain)
+        found.append({"model": str(path), **facts})
+        rows += [("model", str(path)), *lines]
+        codes.append(code)
+    if INTERRUPTED in codes:
+        done = len(codes) - codes.count(INTERRUPTED)
+        complain(f"interrupted; {done} of {len(codes)} models were decided", INTERRUPTED, False)
+    talk.result(found[0] if len(found) == 1 else {"models": found}, rows)
+    return next((code for code in (INTERRUPTED, REFUTED, WRONG, UNDECIDED) if code in codes), DONE)
+
+
+def _verdicts(
+    subjects: list[Any], asked: dict[str, Any], jobs: int, engine: str, scheduler: str | None, progress: Any
+) -> Sequence[Any]:
+    """Decide one model here, several by a batch."""
+    if len(subjects) == 1:
+        from persid.verdicts.certify import certify as decide
+
+        return [uninterrupted(decide(subjects[0], progress=progress, **asked))]
+    from persid.verdicts.batches import certify_many
+
+    chosen = None if engine == "processes" and jobs == 1 else engine
+    return certify_many(subjects, engine=chosen, jobs=jobs, scheduler=scheduler, progress=progress, **asked)
+
+
+def _told(path: Path, verdict: Any, target: Path, explain: bool) -> tuple[dict[str, Any], list[tuple[str, str]], int]:
+    """Write what a verdict proves; return it for programs, for people, and as an exit code."""
+    from persid.verdicts.batches import Failed, was_interrupted
+    from persid.verdicts.summary import summarize
+
+    if isinstance(verdict, Failed):
+        return {"error": verdict.error}, [("error", verdict.error)], WRONG
+    brief = summarize(verdict)
+    if was_interrupted(verdict):
+        return brief.to_dict(), verdict_rows(verdict), INTERRUPTED
+    written = _write_proof(verdict, read_model(path), target)
+    facts = {**brief.to_dict(), "file": written}
+    if brief.gain is not None:
+        facts["gains"] = named_gains(verdict)
+    if explain:
+        facts["attempts"] = [asdict(attempt) for attempt in verdict.attempts]
+    rows = [*verdict_rows(verdict), *(attempt_rows(verdict) if explain else [])]
+    what = " (proves the reason; stability is not refuted)" if written and brief.verdict == "undecided" else ""
+    return facts, [*rows, ("file", f"{written}{what}" if written else "none written")], EXIT[brief.verdict]
+
+
+@click.command()
+@click.argument("certificate", type=FILE, metavar="CERTIFICATE.json")
+@click.option("--model", type=FILE, help="model.json, which must be the model of the certificate.")
+@click.option("--explain", is_flag=True, help="Print the steps of the proof.")
+@talking
+def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, quiet: bool) -> int:
+    """Check a certificate, exactly, from the file alone.
+
+    This is the independent checker. The same without persid, with Python and python-flint only:
+    python -m persid_check CERTIFICATE.json
+
+    \b
+    Example:
+      persid check certificate.json --model model.json
+    """
+    import persid_check
+
+    answer = persid_check.check(certificate, model, explain)
+    name = type(answer).__name__.lower()
+    if isinstance(answer, persid_check.Accepted):
+        rows = [("verdict", f"{name}, claim {answer.claim}"), ("statement", answer.statement)]
+        rows += [("steps", "\n".join(answer.steps))] if answer.steps else []
+        content: dict[str, Any] = {"claim": answer.claim, "statement": answer.statement, "steps": list(answer.steps)}
+    else:
+        rows = [("verdict", name), ("where", answer.where), ("why", answer.why)]
+        content = {"where": answer.where, "why": answer.why}
+    Talk(as_json, quiet).result({"result": name, **content}, rows)
+    return {"accepted": DONE, "rejected": REFUTED, "malformed": WRONG}[name]
+
+
+def _targets(models: Sequence[Path], output: Path) -> list[Path]:
+    """Return where the certificate of each model goes."""
+    if len(models) == 1:
+        return [output]
+    names = [f"{path.stem}.{output.name}" for path in models]
+    if len(set(names)) < len(names):
+        raise click.UsageError("models of the same file name cannot share one -o; certify them one by one")
+    return [output.with_name(name) for name in names]
+
+
+def _write_proof(verdict: Any, model: "PersidskiiModel", target: Path) -> str | None:
+    """Write the proof of a verdict and return its path; remove a certificate of another model of that name.
+
+    That no certificate of some family exists is written too, but never over a certificate of this model.
+    """
+    obstruction = getattr(verdict, "obstruction", None)
+    proof = verdict.certificate if verdict.is_certified else getattr(verdict, "witness", obstruction)
+    if proof is not None and not (obstruction is not None and _is_certificate_of(model, target)):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        proof.save(target)
+        return str(target)
+    if target.is_file() and model.sha256 not in target.read_text(encoding="utf-8", errors="replace"):
+        target.unlink()
+    return None
+
+
+def _is_certificate_of(model: "PersidskiiModel", path: Path) -> bool:
+    """Whether a file says that it is a certificate of stability of this model."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    claims = ("G", "M", "E", "R", "L1")
+    return isinstance(content, dict) and content.get("model_sha256") == model.sha256 and content.get("claim") in claims

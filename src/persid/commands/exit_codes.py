@@ -1,0 +1,108 @@
+"""How a command ends: exit codes, errors in words, and the checks before and after the work that all commands share."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from persid.errors import DataError, ModelError, PersidError
+
+if TYPE_CHECKING:
+    from persid.models.model import PersidskiiModel
+
+DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 4, 130
+EXIT_CODES = {
+    DONE: "certified, accepted or done",
+    REFUTED: "refuted or rejected, and nothing else",
+    WRONG: "wrong use, bad input or a malformed file",
+    UNDECIDED: "undecided",
+    INTERNAL: "internal error",
+    INTERRUPTED: "interrupted",
+}
+EXIT = {"certified": DONE, "refuted": REFUTED, "undecided": UNDECIDED}
+
+
+def explain(error: BaseException) -> tuple[int, str]:
+    """Return exit code and message of an exception."""
+    if isinstance(error, click.Abort | KeyboardInterrupt):
+        return INTERRUPTED, "interrupted; nothing was written"
+    if isinstance(error, click.ClickException):
+        ctx = getattr(error, "ctx", None)
+        hint = f"\n{ctx.get_usage()}\nTry: {ctx.command_path} --help" if ctx else ""
+        return WRONG, error.format_message() + hint
+    if isinstance(error, BrokenPipeError | SystemExit):  # click ends some broken pipes with 1, which means refuted here
+        return INTERNAL, "the output was closed before everything was printed"
+    if isinstance(error, PersidError):
+        return WRONG, str(error)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return WRONG, f"{where}{error.strerror or error}; free the place or give another path"
+    hint = "this is a fault of persid; run again with --debug and report what it prints"
+    return INTERNAL, f"{type(error).__name__}: {error}; {hint}"
+
+
+def refuse_unwritable(path: Path) -> None:
+    """Refuse early what could not be written in the end."""
+    existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
+    if existing != path.absolute() and not existing.is_dir():
+        raise DataError(f"{path} cannot be written: {existing} is a file; give another -o")
+    if not os.access(existing, os.W_OK):
+        raise DataError(f"{path} cannot be written: no permission at {existing}; give another -o")
+
+
+def read_model(path: Path) -> "PersidskiiModel":
+    from persid.models.model import load_model
+
+    try:
+        return load_model(path)
+    except (TypeError, AttributeError, LookupError, ValueError) as error:
+        raise error if isinstance(error, PersidError) else ModelError(f"{path}: not a model: {error}") from None
+
+
+def uninterrupted(verdict: Any) -> Any:
+    """Turn a verdict that was cut short by Ctrl-C back into the interruption."""
+    if getattr(getattr(verdict, "reason", None), "name", "") == "INTERRUPTED":
+        raise KeyboardInterrupt
+    return verdict
+
+
+def question(operating_point: Any, u_op: Any, domain: str, time_limit: float | int) -> dict[str, Any]:
+    """Return the arguments of `persid.verdicts.certify`."""
+    point = "auto" if operating_point is None else operating_point
+    return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit}
+
+
+def attempt_rows(verdict: Any) -> list[tuple[str, str]]:
+    """Return every attempt at a verdict as an aligned table: what was tried, how it ended, the seconds."""
+    from persid.verdicts import summary
+
+    cells = [*summary.attempt_rows(verdict), ("in all", "", f"{verdict.seconds:.2f} s")]
+    first, second, third = (max(len(row[k]) for row in cells) for k in range(3))
+    lines = [f"{what:<{first}}  {outcome:<{second}}  {seconds:>{third}}" for what, outcome, seconds in cells]
+    return [("attempts", "\n".join(lines))]
+
+
+def named_gains(verdict: Any) -> dict[str, float]:
+    """Return the gain of each input of a certified model with a rate."""
+    certificate = verdict.certificate
+    return dict(zip(certificate.model.inputs, certificate.gains.tolist(), strict=True))
+
+
+def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
+    from persid._text import above, below
+    from persid.verdicts.summary import summarize, unrated
+
+    brief = summarize(verdict)
+    if verdict.is_certified:
+        text = f"certified: input-to-state stable, {brief.scope} (claim {brief.claim}), {brief.seconds:.2g} s"
+        bounds = []
+        if brief.rate is not None and brief.gain is not None:
+            bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"]
+        elif brief.rate is None:
+            bounds = [f"no rate and gain: {unrated(verdict)}"]
+        gains = {} if brief.gain is None else named_gains(verdict)
+        if len(set(gains.values())) > 1:
+            bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in gains.items()))
+        return [("verdict", "\n".join([text, *bounds]))]
+    return [("verdict", f"{brief.verdict}: {brief.reason}")]

@@ -1,0 +1,264 @@
+"""The commands that measure: run, identify and bootstrap."""
+
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from persid.commands.console import Talk, complain
+from persid.commands.exit_codes import (
+    DONE,
+    EXIT,
+    INTERRUPTED,
+    question,
+    refuse_unwritable,
+    uninterrupted,
+    verdict_rows,
+)
+from persid.commands.options import (
+    MEASUREMENTS,
+    NEW_FILE,
+    NEW_FOLDER,
+    batching,
+    fitting,
+    proving,
+    reading,
+    refining,
+    resampling,
+    talking,
+    where,
+)
+
+if TYPE_CHECKING:
+    from persid.measurements.recordings import Measurements
+
+
+@click.command()
+@MEASUREMENTS
+@reading
+@fitting
+@refining
+@proving
+@click.option("--select", type=click.Choice(["auto"]), help="Search for functions and scales that certify.")
+@click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
+@talking
+def run(
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
+    domain: str, time_limit: float, select: str | None, output: Path, as_json: bool, quiet: bool, **how: Any,
+) -> int:  # fmt: skip
+    """Identify, certify and report: from measurements to a verdict in one go.
+
+    Several files are several trajectories of one system. Where the free fit is not certified for all states, it is
+    fitted again under the condition that a certificate exists, and both are reported side by side (not with --domain
+    data, --operating-point or --u-op). The folder receives model.json, certificate.json (or witness.json, or
+    obstruction.json: why undecided), report.html, figures/ and run.json; older results there are removed. The exit
+    code is that of the verdict.
+
+    \b
+    Example:
+      persid run examples/traffic.csv --states x1,x2 --inputs u -o out
+    """
+    from persid.certified_fits.identifier import Delivery, deliver
+    from persid.measurements.opening import files_of
+    from persid.reports import results as folder
+    from persid.reports.comparison import caution, comparison_rows
+    from persid.verdicts.certify import certify
+    from persid.verdicts.summary import summarize
+
+    talk = Talk(as_json, quiet)
+    refuse_unwritable(output)
+    usual = domain == "global" and operating_point is None and u_op is None
+    if select and not usual:
+        raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        data = tuple(files_of(data))
+        measured = folder.read_measurements(data, **how)
+        progress("identifying the model")
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine)
+        asked = question(operating_point, u_op, domain, time_limit)
+        verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
+        made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
+        verdict, facts = made.verdict, (made.verdict.attempts, folder.versions(), made.comparison)
+        record = folder.Record(_command(), folder.sources(data), how, fit.report_, *facts)
+        progress("drawing the report")
+        proof = _deliver(output, folder.Results(made.model, verdict, measured, record))
+    brief = summarize(verdict)
+    paths = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
+    files = {name: str(path) for name, path in paths.items()}
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
+    beside = caution(verdict, fit.report_, made.comparison)
+    rows += [*verdict_rows(verdict), *([("but", beside)] if beside else []), *list(files.items())[1:]]
+    fits = (made.comparison or {}).get("fits")
+    talk.result(brief.to_dict() | {"caution": beside, "fits": fits, "files": files}, rows)
+    return EXIT[brief.verdict]
+
+
+@click.command()
+@MEASUREMENTS
+@reading
+@fitting
+@refining
+@click.option("--derivatives", is_flag=True, help="Append smoothed velocities to the states.")
+@where
+@click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
+@talking
+def identify(
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, derivatives: bool, output: Path,
+    as_json: bool, quiet: bool, **how: Any,
+) -> int:  # fmt: skip
+    """Identify a generalized Persidskii model from measurements.
+
+    DATA are CSV or Parquet files, folders of them, or patterns in quotes such as "data/*.parquet"; every file is a
+    trajectory of its own, or several. With --engine chunks or dask they are read chunk by chunk, so that they may be
+    larger than the memory.
+
+    \b
+    Example:
+      persid identify examples/traffic.csv --states x1,x2 --inputs u -o model.json
+    """
+    from persid.models.equations import equations
+
+    talk = Talk(as_json, quiet)
+    refuse_unwritable(output)
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        measured = _measurements(data, progress=progress, **how)
+        progress("identifying the model")
+        options = {"functions": functions, "ridge": ridge, "method": method, "refine": refine}
+        fit = _identify(measured, **options, derivatives=int(derivatives))
+    output.parent.mkdir(parents=True, exist_ok=True)
+    fit.model_.save(output)
+    text = equations(fit.model_)
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), ("equations", text), ("model", str(output))]
+    report = fit.report_
+    scores = {"ridge": report.ridge, "condition": _number(report.condition_scaled)} | _scores(report)
+    talk.result({"model": str(output), "sha256": fit.model_.sha256, "equations": text.splitlines()} | scores, rows)
+    return DONE
+
+
+@click.command()
+@MEASUREMENTS
+@reading
+@fitting
+@resampling
+@proving
+@batching
+@click.option("-o", "--output", type=NEW_FILE, required=True, help="The JSON file to write.")
+@talking
+def bootstrap(
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, count: int, seed: int, operating_point: Any,
+    u_op: Any, domain: str, time_limit: float, jobs: int, engine: str, scheduler: str | None, output: Path,
+    as_json: bool, quiet: bool, **how: Any,
+) -> int:  # fmt: skip
+    """Refit to resampled measurements: the share of refits that is certified, and the spread of rates and gains.
+
+    What is drawn are blocks of consecutive samples, or whole files where there are many. The share speaks of the
+    sampling alone, not of functions that are missing. After Ctrl-C the refits that were decided are written.
+
+    \b
+    Example:
+      persid bootstrap examples/traffic.csv --states x1,x2 --inputs u --count 50 --jobs 2 -o bootstrap.json
+    """
+    from persid._files import write_atomically
+    from persid.certified_fits import bootstrap as batches
+
+    talk = Talk(as_json, quiet)
+    refuse_unwritable(output)
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        measured = _measurements(data, "memory", None, None, progress, **how)
+        progress("identifying the model")
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method)
+        where: dict[str, Any] = {"engine": None if engine == "processes" and jobs == 1 else engine, "jobs": jobs}
+        asked = question(operating_point, u_op, domain, time_limit)
+        found = batches.bootstrap(fit, count, seed=seed, scheduler=scheduler, progress=progress, **where, **asked)
+    content = batches.figures(found, fit)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(output, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), ("refits", str(found)), ("file", str(output))]
+    talk.result({**content, "file": str(output)}, rows)
+    if len(found.verdicts) == count:
+        return DONE
+    complain(f"interrupted; {len(found.verdicts)} of {count} refits were decided and are written", INTERRUPTED, False)
+    return INTERRUPTED
+
+
+def _measurements(
+    data: Sequence[Path], engine: str, scheduler: str | None, run_column: str | None, progress: Any, **how: Any
+) -> "Measurements":
+    """Read measurements into memory, or look through them where they are."""
+    from persid.measurements.opening import files_of, open_recordings
+    from persid.measurements.readers import read_measurements
+
+    files = files_of(list(data))
+    if engine == "memory":
+        if scheduler or run_column:
+            raise click.UsageError("--scheduler and --run-column go with --engine dask (or chunks)")
+        return read_measurements(files, **how)
+    chosen = "dask" if engine == "dask" else None
+    if scheduler and not chosen:
+        raise click.UsageError("--scheduler goes with --engine dask")
+    return open_recordings(files, run=run_column, engine=chosen, scheduler=scheduler, progress=progress, **how)
+
+
+def _identify(measured: "Measurements", **how: Any) -> Any:
+    from persid.identification.identifier import PersidskiiIdentifier
+
+    return PersidskiiIdentifier(**how).fit(measured)
+
+
+def _deliver(output: Path, results: Any) -> str:
+    """Write all files of a run, or none; return the name of the file that carries the verdict."""
+    from persid.reports import results as folder
+    from persid.reports.page import write_report
+
+    stale = [folder.CERTIFICATE, folder.WITNESS, folder.OBSTRUCTION, folder.INFEASIBLE, f"{folder.FIGURES}/*.png"]
+    with folder.delivery(output, stale) as stage:
+        results.model.save(stage / folder.MODEL)
+        proof = folder.write_verdict(stage, results.verdict, results.model)
+        folder.write_record(stage, results.record)
+        write_report(results, stage)
+    return proof
+
+
+def _command() -> str:
+    return "persid " + shlex.join(sys.argv[1:])
+
+
+def _kind(name: str) -> str:
+    return name.removesuffix(".json")
+
+
+def _number(value: float) -> float | None:
+    return value if abs(value) < float("inf") else None
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def _data_rows(paths: Sequence[Path], data: "Measurements") -> list[tuple[str, str]]:
+    name = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
+    counts = [_count(len(data), "run"), _count(data.samples, "sample")]
+    counts += [_count(len(data.states), "state"), _count(len(data.inputs), "input")]
+    return [("data", f"{name}: {', '.join(counts)}")]
+
+
+def _fit_rows(report: Any) -> list[tuple[str, str]]:
+    rows = [("fit", f"{report.method} form, {report.columns} columns, ridge {report.ridge:.3g}")]
+    if report.free_run is not None:
+        score = report.free_run
+        blown = f", {_count(score.blow_ups, 'blow-up')}" if score.blow_ups else ""
+        rows += [("free run", f"R2 {score.r2_mean:.4f}, RMSE {score.rmse:.4g} on the held-out tail{blown}")]
+    return [*rows, *(("note", text) for text in report.notes), *(("warning", text) for text in report.warnings)]
+
+
+def _scores(report: Any) -> dict[str, Any]:
+    pairs = (("free_run", report.free_run), ("one_step", report.one_step))
+    scores = {name: {"rmse": _number(s.rmse), "r2": _number(s.r2_mean)} for name, s in pairs if s is not None}
+    return {**scores, "notes": list(report.notes), "warnings": list(report.warnings)}

@@ -1,0 +1,89 @@
+"""Derivatives of measured signals by local polynomials, at any spacing; and states that were not measured."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.errors import DataError
+from persid.identification.basis import Basis
+from persid.identification.gram import BLOCK, Rows
+from persid.measurements.trajectories import Trajectories, Trajectory
+
+DEGREE = 3
+
+
+def local_polynomial(
+    t: Float[ndarray, " N"], x: Float[ndarray, "N n"], half_width: int
+) -> tuple[Float[ndarray, "N n"], Float[ndarray, "N n"]]:
+    """Return smoothed values and derivatives (per s): cubics fitted to 2 half_width + 1 samples around each sample.
+
+    Raises:
+        DataError: fewer than 5 samples.
+    """
+    if len(t) < DEGREE + 2:
+        raise DataError(f"a run of {len(t)} samples; a smoothed derivative needs at least {DEGREE + 2}")
+    width = min(2 * max(half_width, 2) + 1, len(t))
+    first = np.clip(np.arange(len(t)) - width // 2, 0, len(t) - width)
+    parts = [_fit(t, x, first[k : k + BLOCK], width, k) for k in range(0, len(t), BLOCK)]
+    smooth, slope = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    return smooth, slope
+
+
+def _fit(t: ndarray, x: ndarray, first: ndarray, width: int, offset: int) -> tuple[ndarray, ndarray]:
+    rows = first[:, None] + np.arange(width)
+    s = t[rows] - t[offset : offset + len(first), None]
+    reach = np.abs(s).max(axis=1)
+    V = (s / reach[:, None])[..., None] ** np.arange(DEGREE + 1)
+    coefficients = np.linalg.solve(np.einsum("kwi,kwj->kij", V, V), np.einsum("kwi,kwn->kin", V, x[rows]))
+    return coefficients[:, 0], coefficients[:, 1] / reach[:, None]
+
+
+def with_slopes(data: Trajectories, slopes: Sequence[Float[ndarray, "_ n"]], hold: str) -> Trajectories:
+    """Return runs of (x, x') side by side, with the inputs that go with x'.
+
+    A derivative at a sample where a held input jumps lies half way between those of its two sides.
+    """
+    runs = []
+    for run, dot in zip(data, slopes, strict=True):
+        u = run.u if hold == "paper" else (run.u + np.vstack([run.u[:1], run.u[:-1]])) / 2
+        runs.append(Trajectory(run.t, np.hstack([run.x, dot]), u))
+    return Trajectories(tuple(runs), (*data.states, *(f"d({name})/dt" for name in data.states)), data.inputs)
+
+
+def derivative_rows(run: Trajectory, count: int, basis: Basis) -> Iterator[Rows]:
+    """Yield blocks of rows (columns at the samples, x') for the first `count` samples of a run of (x, x')."""
+    n = len(basis.states)
+    for begin in range(0, count, BLOCK):
+        chosen = slice(begin, min(begin + BLOCK, count))
+        x, u = run.x[chosen, :n], run.u[chosen]
+        yield np.hstack([basis.values(x), u - basis.u_ref, np.ones((len(x), 1))]), run.x[chosen, n:]
+
+
+def embed(data: Trajectories, derivatives: int = 0, delays: int = 0, half_width: int = 2) -> Trajectories:
+    """Append smoothed velocities (`derivatives=1`) and copies delayed by 1 ... `delays` samples to the states.
+
+    The states are then named, for a state theta: theta, d(theta)/dt, theta(t-1), theta(t-2) ... in samples.
+
+    Raises:
+        DataError: derivatives is neither 0 nor 1, delays is negative, or a run is too short.
+    """
+    if derivatives not in (0, 1) or delays < 0:
+        raise DataError(f"derivatives={derivatives}, delays={delays}; needed are 0 or 1, and a number of samples")
+    if not derivatives and not delays:
+        return data
+    runs = tuple(_embedded(run, derivatives, delays, half_width) for run in data)
+    names = [f"d({name})/dt" for name in data.states] if derivatives else []
+    names += [f"{name}(t-{k})" for k in range(1, delays + 1) for name in data.states]
+    return Trajectories(runs, (*data.states, *names), data.inputs, data.notes)
+
+
+def _embedded(run: Trajectory, derivatives: int, delays: int, half_width: int) -> Trajectory:
+    if len(run) < delays + 2:
+        raise DataError(f"a run of {len(run)} samples cannot hold {delays} delays; at least {delays + 2} are needed")
+    parts = [run.x[delays:]]
+    if derivatives:
+        parts.append(local_polynomial(run.t, run.x, half_width)[1][delays:])
+    parts += [run.x[delays - k : len(run) - k] for k in range(1, delays + 1)]
+    return Trajectory(run.t[delays:], np.hstack(parts), run.u[delays:])

@@ -1,0 +1,180 @@
+"""Free runs: what a model predicts from a first state and the inputs alone, and the scores that speak of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.identification.basis import Basis
+from persid.measurements.trajectories import Trajectories, Trajectory
+
+REACH = 10.0  # a free run is stopped this many widths of the data outside their box
+MOST_SUBSTEPS = 8
+
+
+@runtime_checkable
+class Simulator(Protocol):
+    """Anything that predicts a trajectory from first states, times and inputs."""
+
+    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+        """Return the predicted run."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well free runs follow the data. `r2` is about one mean of all states together, `r2_states` one a state.
+
+    `rmse` is in state units over all states and samples; `diverged_at` and `stopped_at` hold a time in s, or None, for
+    each run (of its blow-up; or at which the integrator's budget was used up with the state still bounded).
+    """
+
+    rmse: float
+    r2: float
+    r2_states: tuple[float, ...]
+    diverged_at: tuple[float | None, ...] = ()
+    stopped_at: tuple[float | None, ...] = ()
+
+    @property
+    def blow_ups(self) -> int:
+        """Number of runs that diverged."""
+        return sum(time is not None for time in self.diverged_at)
+
+    @property
+    def unfinished(self) -> int:
+        """Number of runs that were stopped because the model is too fast or too stiff to be followed."""
+        return sum(time is not None for time in self.stopped_at)
+
+    @property
+    def r2_mean(self) -> float:
+        """Mean of the R2 of the single states."""
+        return float(np.mean(self.r2_states))
+
+
+def score(
+    truth: Float[ndarray, "N n"],
+    guess: Float[ndarray, "N n"],
+    diverged: tuple[float | None, ...] = (),
+    stopped: tuple[float | None, ...] = (),
+) -> Score:
+    """Return RMSE and both readings of R2 of a prediction."""
+    error = ((truth - guess) ** 2).sum(axis=0)
+    spread = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
+    pooled = float(((truth - truth.mean()) ** 2).sum())
+    states = tuple(_r2(float(e), float(s)) for e, s in zip(error, spread, strict=True))
+    rmse = float(np.sqrt(error.sum() / truth.size))
+    return Score(rmse, _r2(float(error.sum()), pooled), states, diverged, stopped)
+
+
+def _r2(error: float, spread: float) -> float:
+    return 1 - error / spread if spread > 0 else float(error == 0)
+
+
+def box(data: Trajectories) -> Float[ndarray, "n 2"]:
+    """Return the smallest box that holds all states."""
+    low, high = (np.array([getattr(run.x, bound)(axis=0) for run in data]) for bound in ("min", "max"))
+    return np.column_stack([low.min(axis=0), high.max(axis=0)])
+
+
+def free_run_score(model: Simulator, data: Trajectories, hold: str = "zoh", past: int = 1) -> Score:
+    """Simulate every run from its first `past` states and compare; where it ends early, its last state counts on.
+
+    Paper: the RMSE and R2 of Sec. 4 (pooled over states and samples).
+    """
+    low, high = _reach(box(data))
+    truth, guess, diverged, stopped = [], [], [], []
+    for run in data:
+        start = run.x[0] if past == 1 else run.x[:past]
+        found = model.simulate(start, run.t, input_signal(run.t, run.u, hold))[0]
+        filled = np.vstack([found.x, np.repeat(found.x[-1:], len(run) - len(found.x), axis=0)])
+        truth.append(run.x[past - 1 :])
+        guess.append(np.clip(filled, low, high)[past - 1 :])
+        diverged.append(found.diverged_at)
+        stopped.append(found.stopped_at)
+    return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged), tuple(stopped))
+
+
+def input_signal(t: ndarray, u: ndarray, hold: str) -> Any:
+    """Return the held samples, or for hold="paper" the input as a function that is linear between them."""
+    if hold == "zoh" or not u.shape[1]:
+        return u
+    return lambda s: np.array([np.interp(s, t, column) for column in u.T])
+
+
+def _reach(limits: Float[ndarray, "n 2"]) -> tuple[ndarray, ndarray]:
+    width = np.maximum(limits[:, 1] - limits[:, 0], 1e-12)
+    return limits[:, 0] - REACH * width, limits[:, 1] + REACH * width
+
+
+def one_step(
+    rhs: Callable[[ndarray, ndarray], ndarray], run: Trajectory, hold: str, substeps: int = 2
+) -> Float[ndarray, "N n"]:
+    """Predict, for every sample, the state one step later (the last step is taken as long as the one before it)."""
+    h = np.diff(run.t, append=2 * run.t[-1] - run.t[-2])[:, None]
+    after = run.u if hold == "zoh" else np.vstack([run.u[1:], run.u[-1:]])
+    with np.errstate(all="ignore"):
+        moved = _advance(rhs, run.x, h, run.u, after, substeps)
+    return np.nan_to_num(moved, nan=0.0, posinf=1e300, neginf=-1e300)
+
+
+def _advance(rhs: Callable, x: ndarray, h: ndarray, before: ndarray, after: ndarray, substeps: int) -> ndarray:
+    """Take one sample step of length h by classical Runge-Kutta, the input going linearly from `before` to `after`."""
+    d = h / substeps
+    for k in range(substeps):
+        u0, u1 = (before + (after - before) * (j / substeps) for j in (k, k + 1))
+        middle = (u0 + u1) / 2
+        k1 = rhs(x, u0)
+        k2 = rhs(x + d / 2 * k1, middle)
+        k3 = rhs(x + d / 2 * k2, middle)
+        k4 = rhs(x + d * k3, u1)
+        x = x + d / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x
+
+
+def batch_errors(
+    basis: Basis, thetas: Float[ndarray, "s k p n"], pieces: list[Trajectory], limits: Float[ndarray, "n 2"], hold: str
+) -> tuple[Float[ndarray, "s k"], ndarray]:
+    """Run k candidate models on each of s equally long pieces at once.
+
+    Returns the mean squared error, each state measured by its width in `limits`, and whether the run left the reach.
+    """
+    s, k, p, n = thetas.shape
+    flat = thetas.reshape(s * k, p, n)
+    low, high = _reach(limits)
+    width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
+    truth, u = (np.repeat(np.stack([getattr(piece, a) for piece in pieces]), k, axis=0) for a in ("x", "u"))
+    h = np.repeat(np.stack([np.diff(piece.t) for piece in pieces]), k, axis=0)
+    # The scale of `rhs` decides how many Runge-Kutta steps a sample needs.
+    rhs = _batch_rhs(basis, flat)
+    substeps = _substeps(basis, flat, truth[:, 0], float(np.median(h)))
+    x, error, out = truth[:, 0], np.zeros(s * k), np.zeros(s * k, bool)
+    with np.errstate(all="ignore"):
+        for j in range(h.shape[1]):
+            after = u[:, j] if hold == "zoh" else u[:, j + 1]
+            moved = np.nan_to_num(_advance(rhs, x, h[:, j : j + 1], u[:, j], after, substeps), nan=np.inf)
+            out |= ((moved < low) | (moved > high)).any(axis=1)
+            x = np.where(out[:, None], np.clip(moved, low, high), moved)
+            error += (((x - truth[:, j + 1]) / width) ** 2).mean(axis=1)
+    return (error / h.shape[1]).reshape(s, k), out.reshape(s, k)
+
+
+def _batch_rhs(basis: Basis, thetas: ndarray) -> Callable[[ndarray, ndarray], ndarray]:
+    p = basis.state_columns
+    of_state, of_input, constant = thetas[:, :p], thetas[:, p:-1], thetas[:, -1]
+
+    def rhs(x: ndarray, u: ndarray) -> ndarray:
+        forced = np.matmul((u - basis.u_ref)[:, None], of_input)[:, 0] if basis.inputs else 0.0
+        return np.matmul(basis.values(x)[:, None], of_state)[:, 0] + forced + constant
+
+    return rhs
+
+
+def _substeps(basis: Basis, thetas: ndarray, x: ndarray, h: float) -> int:
+    """Count the steps a sample needs for |eigenvalue| step < 1, by the median candidate."""
+    slopes = basis.slopes(x)
+    rates = np.zeros((len(x), len(basis.states)))
+    np.add.at(rates.T, basis.owner, np.abs(slopes.T * np.abs(thetas[:, : len(basis.owner)]).max(axis=2).T))
+    rate = float(np.median(rates.max(axis=1)))
+    return int(np.clip(np.ceil(h * rate / 4), 1, MOST_SUBSTEPS))

@@ -1,0 +1,431 @@
+"""PersidskiiIdentifier: measurements -> PersidskiiModel, in scikit-learn's shape."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils.validation import check_is_fitted
+
+from persid.errors import DataError, PersidError, UnderdeterminedError
+from persid.identification import diagnostics
+from persid.identification import free_runs as freerun
+from persid.identification import regressions as fitting
+from persid.identification.basis import Basis, Functions, make_basis
+from persid.identification.derivatives import embed, local_polynomial
+from persid.identification.diagnostics import FitReport
+from persid.identification.gram import Gram, refuse_underdetermined
+from persid.identification.koopman import make_lifting, sample_step
+from persid.identification.regressions import Problem, Regression, Solution
+from persid.identification.structure import make_structure
+from persid.identification.validation import (
+    FOLDS,
+    blocks,
+    by_fold,
+    partition,
+    tail,
+    total,
+    validation_curve,
+)
+from persid.identification.weak import choose_window
+from persid.measurements.arrays import as_trajectories
+from persid.measurements.opening import recordings_of
+from persid.measurements.recordings import (
+    Measurements,
+    Part,
+    Recordings,
+    is_large,
+    lengths,
+    moments,
+    segments,
+)
+from persid.measurements.trajectories import Trajectories
+from persid.models.equations import equations
+
+FUNCTIONS = ("x", "x**3", "sinh(x)", "tanh(x)")
+METHODS = ("weak", "derivative", "edmd")
+HOLDS = ("zoh", "paper")
+FALLBACK_RIDGE = 1e-3  # where a single short run leaves nothing to validate on
+_OUT_OF_CORE = (
+    "read chunk by chunk, {size}: moments and sums are over all samples; the window is chosen on the beginnings of at "
+    "most 20 runs, the ridge on free runs over at most 10 segments of up to 1000 samples, and scores are of at most 20 "
+    "held-out tails of up to 5000 samples"
+)
+SCORED = 5000  # samples of each held-out tail that are simulated
+SCORED_RUNS = 20
+BLOCKS = 60  # sums that a fit keeps, for `persid.bootstrap` to draw from
+MOST_NUMBERS = 8e6  # in all these sums together
+
+
+class PersidskiiIdentifier(BaseEstimator):
+    """Identify x' = A0 (x - x_ref) + sum A f((x - x_ref)/scale) + B (u - u_ref) + b from trajectories.
+
+    Paper: F_x_approximation (Sec. 4.1).
+
+    functions: expressions in x, one list for all states or one list a state; "x" is the linear part.
+    method: "weak" (integrals, Simpson; the default), "derivative" (smoothed finite differences, or x' given as y of
+        `fit`) or "edmd" (the paper's Koopman road).
+    ridge: "auto" (blocked validation on the free-run error) or a strength relative to columns of mean square 1;
+        the constant is never penalised. EDMD takes 0 for "auto".
+    window: samples of a window of the weak form, even; "auto" is the shortest over which the states outrun their noise.
+    x_ref, scale: reference point and scales of the functions' arguments, "auto" or numbers (`identification.basis`).
+    hold: "zoh", inputs are held from sample to sample, or "paper", they vary between samples.
+    constant: whether there is a b.
+    pattern: boolean n x n, whether state j may influence state i.  shared: one set of coefficients along a chain.
+    derivatives, delays: append smoothed velocities (1), or copies delayed by 1 ... delays samples, to the states.
+    threshold: None, or the share of the largest scaled coefficient of an equation below which coefficients become 0.
+    refine: whether to polish the coefficients by least squares through the differential equation.
+    lifting: more lifting functions for "edmd", expressions in x, or a function of x (N, n) and u (N, m) that returns
+        columns.  gamma: "coordinates" or "literal" [eq:Gamma_cal].
+    holdout: the share of every run that is held out for the scores of `report_`.
+    allow_underdetermined: whether to return the smallest of many exact fits instead of refusing.
+
+    After `fit`: model_, report_, gram_, coef_ (n, p), basis_, n_features_in_, n_states_in_, n_inputs_in_.
+    """
+
+    def __init__(
+        self,
+        functions: Functions = FUNCTIONS,
+        *,
+        method: str = "weak",
+        ridge: float | int | str = "auto",
+        window: int | str = "auto",
+        x_ref: Any = "auto",
+        scale: Any = "auto",
+        hold: str = "zoh",
+        constant: bool = True,
+        pattern: Any = None,
+        shared: bool = False,
+        derivatives: int = 0,
+        delays: int = 0,
+        threshold: float | int | None = None,
+        refine: bool = False,
+        lifting: Sequence[str] | Callable[[ndarray, ndarray], Any] = (),
+        gamma: str = "coordinates",
+        holdout: float | int = 0.2,
+        allow_underdetermined: bool = False,
+    ) -> None:
+        self.functions = functions
+        self.method = method
+        self.ridge = ridge
+        self.window = window
+        self.x_ref = x_ref
+        self.scale = scale
+        self.hold = hold
+        self.constant = constant
+        self.pattern = pattern
+        self.shared = shared
+        self.derivatives = derivatives
+        self.delays = delays
+        self.threshold = threshold
+        self.refine = refine
+        self.lifting = lifting
+        self.gamma = gamma
+        self.holdout = holdout
+        self.allow_underdetermined = allow_underdetermined
+
+    def fit(
+        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None
+    ) -> "PersidskiiIdentifier":
+        """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them; or, chunk by chunk, to what
+        `persid.open_recordings` returns, to a Dask array or to a Dask DataFrame of states.
+
+        y is x' (N, n) in state units per s for method="derivative", where given, and ignored otherwise; u (N, m), and t
+        or dt in s, go with arrays and DataFrames.
+
+        Raises:
+            DataError: the data or an option cannot be used.
+            UnderdeterminedError: fewer samples than unknown coefficients.
+            GeneratorError: the Koopman matrix has no trustworthy logarithm (method="edmd").
+        """
+        _check_options(self)
+        measured, notes = self._measured(X, u, t, dt)
+        data = self._embedded(measured)
+        problem, window = self._problem(data, measured, y)
+        solution = self._solve(problem)
+        self._remember(measured, X)
+        self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, window
+        self.blocks_ = tuple(solution.blocks.values())
+        self.ridge_ = solution.ridge
+        self.coef_ = solution.theta.T
+        report = self._report(problem, solution, window, (*data.notes, *notes))
+        self.report_ = replace(report, warnings=(*report.warnings, *self._advice(report, measured)))
+        self.model_ = problem.basis.model(
+            solution.theta, domain=_box(data), provenance=_provenance(self, measured, self.report_)
+        )
+        return self
+
+    def _measured(self, X: Any, u: Any, t: Any, dt: float | int | None) -> tuple[Measurements, tuple[str, ...]]:
+        """Return the data of a fit, in memory or not."""
+        if not is_large(X):
+            return as_trajectories(X, u, t, dt)
+        _refuse_in_memory_only(self)
+        found = recordings_of(X, u, t, dt)
+        return found, (_OUT_OF_CORE.format(size=found),)
+
+    def _embedded(self, measured: Measurements) -> Measurements:
+        return measured if isinstance(measured, Recordings) else self._appended(measured)
+
+    def _appended(self, measured: Trajectories) -> Trajectories:
+        if self.delays:
+            sample_step(measured)
+        return embed(measured, self.derivatives, self.delays, choose_window(measured) if self.derivatives else 2)
+
+    def _problem(self, data: Measurements, measured: Measurements, y: Any) -> tuple[Problem, int | None]:
+        basis = make_basis(data, self.functions, self.x_ref, self.scale)
+        structure = make_structure(basis, self.pattern, self.shared, self.constant)
+        parts, window = partition(data, self.holdout), None
+        if self.method == "weak":
+            window = choose_window(data) if self.window == "auto" else int(self.window)
+            _check_window(data, window)
+            regression = fitting.weak_form(data, basis, window, self.hold)
+        elif self.method == "derivative" and isinstance(data, Trajectories) and isinstance(measured, Trajectories):
+            regression = fitting.slope_regression(data, basis, _slopes(data, measured, y), self.hold)
+        else:
+            regression = self._koopman(data, basis, parts)
+        number = int(np.clip(MOST_NUMBERS / basis.size**2, FOLDS + 1, BLOCKS))
+        return Problem(data, basis, structure, parts, blocks(parts, number), regression), window
+
+    def _koopman(self, data: Measurements, basis: Basis, parts: Sequence[Part]) -> Regression:
+        lifting = make_lifting(basis, self.lifting)
+        return fitting.koopman_regression(data, basis, lifting, parts, self.hold, self.gamma)
+
+    def _solve(self, problem: Problem) -> Solution:
+        grams = problem.grams()
+        folds = by_fold(problem.blocks, grams)
+        gram = total(list(folds.values()))
+        if not self.allow_underdetermined:
+            refuse_underdetermined(gram)
+        curve = None
+        if self.ridge == "auto" and self.method != "edmd":
+            curve = validation_curve(problem.data, problem.parts, folds, _box(problem.data), self.hold)
+        ridge = self._strength(curve)
+        gram = problem.solvable(gram, ridge)
+        theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
+        theta = self._refined(problem.data, theta, gram, ridge)
+        return Solution(theta, self._held_out(problem, folds, ridge), gram, grams, ridge, curve)
+
+    def _strength(self, curve: Any) -> float:
+        if self.ridge != "auto":
+            return float(self.ridge)
+        return curve.best if curve else 0.0 if self.method == "edmd" else FALLBACK_RIDGE
+
+    def _held_out(self, problem: Problem, folds: dict[int, Gram], ridge: float) -> Float[ndarray, "p n"] | None:
+        """Fit again without the tails; an EDMD fit computes its generator again, too."""
+        kept = [gram for fold, gram in folds.items() if fold >= 0]
+        if len(kept) == len(folds) or sum(gram.rows for gram in kept) < problem.basis.size:
+            return None
+        parts = [part for part in problem.parts if part.fold >= 0]
+        if self.method == "edmd":
+            regression = self._koopman(problem.data, problem.basis, parts)
+            rest = [replace(part, block=0) for part in problem.blocks if part.fold >= 0]
+            problem = replace(problem, regression=regression, parts=parts, blocks=rest)
+            kept = list(problem.grams().values())
+        gram = problem.solvable(total(kept), ridge, tails=False)
+        theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
+        return self._refined(problem.data, theta, gram, ridge, parts)
+
+    def _refined(
+        self, data: Measurements, theta: ndarray, gram: Gram, ridge: float, parts: Sequence[Part] = ()
+    ) -> ndarray:
+        if not self.refine or isinstance(data, Recordings):
+            return theta
+        if parts:
+            data = Trajectories(tuple(segments(data, parts)), data.states, data.inputs)
+        from persid.identification.refinement import refine
+
+        return refine(data, theta, gram, ridge, self.hold)
+
+    def _report(self, problem: Problem, solution: Solution, window: int | None, notes: tuple[str, ...]) -> FitReport:
+        gram, data, K = solution.gram, problem.data, problem.regression.K
+        facts = diagnostics.conditioning(gram, solution.theta)
+        moved = diagnostics.excitation(data, gram)
+        free, step, white = _tail_scores(problem, solution, self.hold)
+        return FitReport(
+            method=self.method,
+            hold=self.hold,
+            window=window,
+            rows=gram.rows,
+            columns=problem.basis.size,
+            rank=facts.rank,
+            ridge=solution.ridge,
+            curve=solution.curve,
+            condition_raw=facts.raw,
+            condition_scaled=facts.scaled,
+            largest_coefficient=facts.largest,
+            largest_name=facts.largest_name,
+            collinear=facts.collinear,
+            constant_columns=facts.constant,
+            coverage=tuple((float(a), float(b)) for a, b in _box(data)),
+            whiteness=white,
+            excitation=moved,
+            free_run=free,
+            one_step=step,
+            notes=notes,
+            warnings=diagnostics.advise(facts, problem.basis.size, moved, free, solution.curve),
+            spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
+        )
+
+    def _advice(self, report: FitReport, measured: Measurements) -> tuple[str, ...]:
+        """Where free runs of the weak form foretell less than the mean, say whether EDMD does better on the same tail.
+
+        What settles within a sample looks like noise to integrals over windows; a map from sample to sample sees it.
+        """
+        mine = report.free_run
+        if self.method != "weak" or mine is None or mine.r2_mean >= 0 or isinstance(measured, Recordings):
+            return ()
+        tried = []
+        for functions in (self.functions, ["x"]):
+            try:
+                other = clone(self).set_params(method="edmd", functions=functions).fit(measured).report_.free_run
+            except (PersidError, ValueError):  # no logarithm, uneven times, an option that EDMD has not
+                continue
+            if other is not None and not other.blow_ups and other.r2_mean > 0:
+                tried.append((other.r2_mean, functions))
+        if not tried:
+            return ()
+        score, functions = max(tried, key=lambda pair: pair[0])
+        return (
+            f'on the same tail method="edmd" with functions={list(functions)!r} has R2 {score:.2f}; try it: what '
+            "settles within a sample escapes the weak form",
+        )
+
+    def _remember(self, measured: Measurements, X: Any) -> None:
+        self.n_features_in_ = self.n_states_in_ = len(measured.states)
+        self.n_inputs_in_ = len(measured.inputs)
+        if isinstance(X, Trajectories | Recordings) or hasattr(X, "columns"):
+            self.feature_names_in_ = np.array(measured.states, dtype=object)
+
+    def _known(self, X: Any, u: Any, t: Any, dt: float | int | None) -> Trajectories:
+        """Return data for a fitted estimator: the same states and inputs, embedded like those of the fit."""
+        check_is_fitted(self, "model_")
+        if is_large(X):
+            raise DataError("predictions and scores need the data in memory; give some of the runs as Trajectories")
+        data, _ = as_trajectories(X, u, t, dt)
+        given = (len(data.states), len(data.inputs))
+        if given != (self.n_states_in_, self.n_inputs_in_):
+            raise DataError(
+                f"X has {given[0]} features, but {type(self).__name__} is expecting {self.n_states_in_} features as "
+                f"input; inputs: {given[1]} given, {self.n_inputs_in_} expected"
+            )
+        return self._appended(data)
+
+    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
+        """Return, for every sample, the state one step later (all runs one below the other)."""
+        data = self._known(X, u, t, dt)
+        return np.concatenate([freerun.one_step(self.model_.rhs, run, self.hold) for run in data])
+
+    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+        """Simulate the model from x0; a blow-up ends the run, with its time in s in `diverged_at`. See the model's."""
+        check_is_fitted(self, "model_")
+        return self.model_.simulate(x0, t, u)
+
+    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
+        """Return the R2 of free runs over all runs, the mean over states; y is ignored. One-step R2 says nothing."""
+        return freerun.free_run_score(self.model_, self._known(X, u, t, dt), self.hold).r2_mean
+
+    def get_feature_names_out(self, input_features: Any = None) -> ndarray:
+        """Return the names of the columns of `coef_`; `input_features` is ignored."""
+        check_is_fitted(self, "model_")
+        return np.array([column.name for column in self.basis_.columns], dtype=object)
+
+    def equations(self, form: str = "text", digits: int = 4) -> Any:
+        """Return one equation a state, as "text", "latex" or "sympy" (a list of sympy.Eq)."""
+        check_is_fitted(self, "model_")
+        return equations(self.model_, form, digits)
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "model_")
+
+
+def _box(data: Measurements) -> Float[ndarray, "n 2"]:
+    """Return the smallest box that holds all states."""
+    return moments(data).of(slice(len(data.states))).box
+
+
+def _slopes(data: Trajectories, measured: Trajectories, y: Any) -> list[ndarray]:
+    """Return x' at every sample: the one given, or the derivative of local cubics."""
+    if y is None:
+        half = max(2, choose_window(data) // 2)
+        return [local_polynomial(run.t, run.x, half)[1] for run in data]
+    given = y if isinstance(y, list | tuple) else [y]
+    slopes = [np.asarray(dot, float) for dot in given]
+    if data is not measured or [dot.shape for dot in slopes] != [run.x.shape for run in data]:
+        raise DataError("y needs the derivative x' of every measured sample, in the shape of X, and no embedding")
+    return slopes
+
+
+def _tail_scores(
+    problem: Problem, solution: Solution, hold: str
+) -> tuple[freerun.Score | None, freerun.Score | None, tuple[tuple[float, float], ...]]:
+    """Score the fit without the tails on the tails: free runs (at most 5000 samples each), one step, whiteness."""
+    held = tail(problem.data, problem.parts, SCORED, SCORED_RUNS)
+    if held is None or solution.held_out is None:
+        return None, None, ()
+    model = problem.basis.model(solution.held_out)
+    ahead = [freerun.one_step(model.rhs, run, hold)[:-1] for run in held]
+    after = np.concatenate([run.x[1:] for run in held])
+    guess = np.concatenate(ahead)
+    free = freerun.free_run_score(model, held, hold)
+    return free, freerun.score(after, guess), diagnostics.whiteness(after - guess)
+
+
+def _version() -> str:
+    try:
+        return metadata.version("persid")
+    except metadata.PackageNotFoundError:  # run from a source tree
+        return "unknown"
+
+
+def _digest(data: Measurements) -> str:
+    """Return a hash of the samples; of recordings, that of their chunks."""
+    if isinstance(data, Recordings):
+        return data.digest
+    digest = hashlib.sha256()
+    for run in data:
+        for part in (run.t, run.x, run.u):
+            digest.update(np.ascontiguousarray(part).data)
+    return digest.hexdigest()
+
+
+def _provenance(estimator: PersidskiiIdentifier, data: Measurements, report: FitReport) -> dict[str, Any]:
+    figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
+    if report.free_run is not None:
+        figures |= {"free_run_rmse": report.free_run.rmse, "free_run_r2": report.free_run.r2_mean}
+    return {"persid": _version(), "method": estimator.method, "data_sha256": _digest(data), **figures}
+
+
+def _check_options(estimator: PersidskiiIdentifier) -> None:
+    for name, allowed in (("method", METHODS), ("hold", HOLDS), ("gamma", ("coordinates", "literal"))):
+        if getattr(estimator, name) not in allowed:
+            raise DataError(f"{name}={getattr(estimator, name)!r}; choose one of {', '.join(allowed)}")
+    ridge, window = estimator.ridge, estimator.window
+    if ridge != "auto" and (isinstance(ridge, str) or not (np.isfinite(ridge) and ridge >= 0)):
+        raise DataError(f'ridge={ridge!r}; needed is "auto" or a number >= 0')
+    if window != "auto" and (isinstance(window, str) or window < 2 or int(window) % 2):
+        raise DataError(f'window={window!r}; needed is "auto" or an even number of samples (Simpson\'s rule)')
+    if not 0 <= estimator.holdout <= 0.5:
+        raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
+    if estimator.threshold is not None and not 0 <= estimator.threshold < 1:
+        raise DataError(f"threshold={estimator.threshold!r}; needed is None or a share in [0, 1)")
+    if estimator.method != "edmd" and (callable(estimator.lifting) or list(estimator.lifting)):
+        raise DataError('lifting= is for method="edmd"; give functions= otherwise')
+
+
+def _refuse_in_memory_only(estimator: PersidskiiIdentifier) -> None:
+    """Raise DataError where an option needs all samples at once."""
+    wrong = [name for name in ("derivatives", "delays", "refine") if getattr(estimator, name)]
+    wrong += ['method="derivative"'] if estimator.method == "derivative" else []
+    if wrong:
+        raise DataError(f'{", ".join(wrong)}: needs the data in memory; use method="weak" or "edmd" without it')
+
+
+def _check_window(data: Measurements, window: int) -> None:
+    longest = max(lengths(data))
+    if longest <= window:
+        raise UnderdeterminedError(f"the longest run has {longest} samples; a window of {window} needs {window + 1}")

@@ -1,0 +1,171 @@
+"""From prepared data to coefficients: Gram matrices part by part, ridge, thresholds; the same for every estimator."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.errors import DataError
+from persid.identification.basis import Basis
+from persid.identification.derivatives import derivative_rows, with_slopes
+from persid.identification.gram import (
+    BLOCK,
+    ILL_CONDITIONED,
+    Gram,
+    Rows,
+    Triangle,
+    accumulate,
+    condition_number,
+    triangle,
+    with_root,
+)
+from persid.identification.koopman import Lifting, doubtful_eigenvalues, edmd, gamma, koopman_generator, sample_step
+from persid.identification.structure import Structure
+from persid.identification.validation import Curve
+from persid.identification.weak import window_rows
+from persid.measurements.recordings import Measurements, Part, block_sums, segments
+from persid.measurements.trajectories import Trajectories, Trajectory
+
+RowsOf = Callable[[Trajectory, int], Iterator[Rows]]  # of a segment, and how many of its samples rows begin at
+MOST_THRESHOLDS = 10  # rounds of sequential thresholding
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """How samples become rows: the rows of a segment, which may need `overlap` samples behind those they begin at.
+
+    `data` are what the segments are cut from; `K` is the Koopman matrix where there is one.
+    """
+
+    data: Measurements
+    rows: RowsOf
+    overlap: int = 0
+    K: Float[ndarray, "l l"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Data cut into parts (tails and folds) and further into blocks, and how they become rows of a regression."""
+
+    data: Measurements
+    basis: Basis
+    structure: Structure
+    parts: Sequence[Part]
+    blocks: Sequence[Part]
+    regression: Regression
+
+    def grams(self) -> dict[int, Gram]:
+        """Return the Gram of every block, from one pass over the samples."""
+        work = partial(_gram, rows=self.regression.rows, basis=self.basis, structure=self.structure)
+        return block_sums(self.regression.data, self.blocks, work, self.regression.overlap)
+
+    def solvable(self, gram: Gram, ridge: float, tails: bool = True) -> Gram:
+        """Return the Gram of all blocks (or of those that are no tails) with its triangular factor, by a second pass,
+        where it would otherwise be too ill-conditioned for this ridge."""
+        well = condition_number(gram.scaled) <= ILL_CONDITIONED
+        if not gram.structure.is_separate or ridge >= ILL_CONDITIONED**-2 or well:
+            return gram
+        used = [replace(part, block=0) for part in self.parts if tails or part.fold >= 0]
+        work = partial(_triangle, rows=self.regression.rows)
+        return with_root(gram, block_sums(self.regression.data, used, work, self.regression.overlap)[0])
+
+
+def _gram(segment: Trajectory, count: int, rows: RowsOf, basis: Basis, structure: Structure) -> Gram:
+    return accumulate(rows(segment, count), basis, structure)
+
+
+def _triangle(segment: Trajectory, count: int, rows: RowsOf) -> Triangle:
+    return triangle(rows(segment, count))
+
+
+def weak_form(data: Measurements, basis: Basis, window: int, hold: str) -> Regression:
+    """The regression of the weak form."""
+    return Regression(data, partial(_weak_rows, basis=basis, window=window, hold=hold), window)
+
+
+def _weak_rows(segment: Trajectory, count: int, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
+    return window_rows(segment, basis, window, hold, 0, count)
+
+
+def slope_regression(data: Trajectories, basis: Basis, slopes: Sequence[ndarray], hold: str) -> Regression:
+    """The regression of derivatives."""
+    return Regression(with_slopes(data, slopes, hold), partial(derivative_rows, basis=basis))
+
+
+def koopman_regression(
+    data: Measurements, basis: Basis, lifting: Lifting, parts: Sequence[Part], hold: str, reading: str
+) -> Regression:
+    """The regression of the vector field that the generator of the given parts implies at every sample."""
+    K = edmd(data, lifting, hold, parts)
+    doubtful = doubtful_eigenvalues(data, lifting, K, hold, parts)
+    pairs = sum(part.stop - part.start - 1 for part in parts)
+    L = koopman_generator(K, sample_step(data), samples=pairs, hold=hold, doubtful=doubtful)
+    theta = _literal(L, data, lifting, parts) if reading == "literal" else None
+    rows = partial(_field_rows, lifting=lifting, L=L[:, : len(basis.states)], theta=theta)
+    return Regression(data, rows, K=K)
+
+
+def _literal(L: ndarray, data: Measurements, lifting: Lifting, parts: Sequence[Part]) -> Float[ndarray, "p n"]:
+    if not isinstance(data, Trajectories):
+        raise DataError('gamma="literal" needs the data in memory; use gamma="coordinates", or read fewer of them')
+    used = segments(data, parts)
+    x, u = (np.concatenate([getattr(run, name) for run in used]) for name in ("x", "u"))
+    return gamma(L, lifting, x, u, "literal").T
+
+
+def _field_rows(segment: Trajectory, count: int, lifting: Lifting, L: ndarray, theta: ndarray | None) -> Iterator[Rows]:
+    for begin in range(0, count, BLOCK):
+        run = segment[begin : min(begin + BLOCK, count)]
+        phi = lifting.columns(run.x, run.u)
+        yield phi, lifting.values(run.x, run.u) @ L if theta is None else phi @ theta
+
+
+def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[ndarray, "p n"]:
+    """Return the ridge fit; coefficients below `share` of the largest scaled one are set to 0, the rest fitted again.
+
+    A negative coefficient of a state's own function in its own equation is never dropped: it is the damping that a
+    Lyapunov function lives on.
+    """
+    theta = gram.solve(ridge)
+    for _ in range(MOST_THRESHOLDS if share else 0):
+        small = _small(gram, theta, share or 0.0)
+        if not (small & (gram.structure.parameter >= 0)).any():
+            break
+        parameter = np.where(small, -1, gram.structure.parameter)
+        gram = replace(gram, structure=Structure(_renumbered(parameter), len(np.unique(parameter[parameter >= 0]))))
+        theta = gram.solve(ridge)
+    return theta
+
+
+def _small(gram: Gram, theta: ndarray, share: float) -> ndarray:
+    size = np.abs(theta) * gram.weights[:, None]
+    keep = size >= share * size.max(axis=0)
+    owner = gram.basis.owner
+    own = np.arange(len(owner)), owner
+    keep[own] |= theta[own] < 0
+    keep[-1] = True
+    kept = np.unique(gram.structure.parameter[keep])
+    return ~np.isin(gram.structure.parameter, kept)
+
+
+def _renumbered(parameter: ndarray) -> ndarray:
+    used, numbered = np.unique(parameter, return_inverse=True)
+    return numbered.reshape(parameter.shape) - int(used[0] == -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Coefficients with what they were computed from; `held_out` are those of the fit without the tails.
+
+    `blocks` are the Grams of which `gram` is the sum.
+    """
+
+    theta: Float[ndarray, "p n"]
+    held_out: Float[ndarray, "p n"] | None
+    gram: Gram
+    blocks: Mapping[int, Gram]
+    ridge: float
+    curve: Curve | None

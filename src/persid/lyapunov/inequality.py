@@ -1,0 +1,415 @@
+"""The matrix inequality of the claims: from sector forms to a problem for the interior-point method, and back.
+
+With z = (x, channel values), x' = G z + B u and half the gradient of V equal to E'z (theory: claims G and M),
+
+    Q = E G + G'E' + S,   E = [P; 0] + sum_g N_g'lambda_g r_g',  S = sum_g sum_kl tau_gkl N_g'(l_k l_l' + l_l l_k')N_g
+
+with N_g z = phi_g. Every unknown is a pair of rows: P_ij: e_i, G_j; mu_gk: N_g'l_k, G'r_g; tau_gkl: N_g'l_k, N_g'l_l.
+Paper: thm:main_ISS and cor:extension_basis_function are the special cases with the forms e_0, …, e_J only.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from persid.lyapunov.pairs import Problem, pairings, unpack
+from persid.lyapunov.sectors import Group
+from persid.lyapunov.system import Family, Multipliers, Scaling, System, Target, scaling
+
+SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
+
+Prices = list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]  # of a group's products, and of its densities
+Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("p",)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """A Problem together with what is needed to read multipliers back in the user's units.
+
+    Unknown j is the multiplier times `sizes[j]`; the unknowns of group g begin at `offsets[g]`; a last unknown is p
+    where the target has a ratio.
+    """
+
+    system: System
+    families: tuple[Family, ...]
+    target: Target
+    units: Scaling
+    problem: Problem
+    sizes: Float[ndarray, " J"]
+    offsets: tuple[int, ...] = field(repr=False)
+
+    def multipliers(self, y: Float[ndarray, " J"]) -> Multipliers:
+        """Return the multipliers of a solution in the user's units."""
+        kept = list(self.system.states)
+        values = y / self.sizes
+        states = self.units.states[kept]
+        P = np.zeros((self.system.n, self.system.n))
+        if self.problem.symmetric:
+            scaled = unpack(self.problem, y)
+            P[np.ix_(kept, kept)] = scaled / (states[:, None] * states * self.units.rate)
+        else:
+            P[kept, kept] = values[: len(kept)]
+        if self.target.ratio is not None:
+            P += values[-1] * np.diag(_shape(self.target, self.system))
+        mu, tau = [], []
+        for group, family, start in zip(self.system.groups, self.families, self.offsets, strict=True):
+            middle = start + len(family.densities)
+            full = np.zeros(len(family.forms))
+            full[list(family.densities)] = values[start:middle]
+            P -= float(full @ self.target.lower.get(group.curve, np.zeros(len(full)))) * np.outer(group.row, group.row)
+            mu.append(full)
+            tau.append(values[middle : middle + len(family.products)])
+        return Multipliers(P, tuple(mu), tuple(tau))
+
+    @property
+    def labels(self) -> list[Label]:
+        """What the unknowns are, in order."""
+        count = self.problem.free or len(self.system.states)
+        return _labels(count, self.families, self.target)
+
+    def places_in(self, other: "Assembly") -> Int[ndarray, " J"]:
+        """Return the place in another problem of every unknown of this one; -1 where it is not there."""
+        place = {label: j for j, label in enumerate(other.labels)}
+        return np.array([place.get(label, -1) for label in self.labels], int)
+
+
+def _labels(count: int, families: Sequence[Family], target: Target) -> list[Label]:
+    names: list[Label] = [("P", i) for i in range(count)]
+    for g, family in enumerate(families):
+        names += [("mu", g, k) for k in family.densities]
+        names += [("tau", g, *pair) for pair in family.products]
+    return names if target.ratio is None else [*names, ("p",)]
+
+
+def _shape(target: Target, system: System) -> ndarray:
+    return np.ones(system.n) if target.shape is None else target.shape
+
+
+def assemble(
+    system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None
+) -> Assembly:
+    """Make the interior-point problem of a claim: maximise the margin t of its matrix inequality over P, mu and tau."""
+    return Catalogue(system, families, full_P=full_P, target=target).assembly(families)
+
+
+_Pairs = tuple[tuple[int, ...], tuple[int, ...], tuple[float, ...]]
+
+
+class _Unknown(NamedTuple):
+    """A weighted sum of pairs of rows p (of S) and q (of S, or -1 - i for row i of H)."""
+
+    p: tuple[int, ...]
+    q: tuple[int, ...]
+    weight: tuple[float, ...]
+    size: float
+    cost: float
+
+
+class Catalogue:
+    """All rows of D = [S; H] and all unknowns that families of forms allow, from which problems are put together.
+
+    The densities are those of the families; products may be any.
+    """
+
+    def __init__(
+        self, system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None
+    ) -> None:
+        self.system, self.families, self.full_P, self.target = system, families, full_P, target or Target()
+        self.units = units = scaling(system)
+        inputs = system.B.shape[1] if self.target.ratio is not None else 0
+        self.width = system.entries + inputs
+        self.weights = np.concatenate([units.entries, units.inputs[:inputs]])
+        self.flow = np.hstack([system.G, system.B[:, :inputs]]) * self.weights / units.rate
+        k = len(system.states)
+        unit_rows = np.concatenate([np.arange(k), np.arange(system.entries, self.width)])
+        self._S = [sparse.csr_array((np.ones(len(unit_rows)), (np.arange(len(unit_rows)), unit_rows)),
+                                    shape=(len(unit_rows), self.width))]  # fmt: skip
+        self._height = len(unit_rows)
+        self._H: list[ndarray] = []
+        self._codes: dict[tuple[int, float], int] = {}
+        self._unknowns: dict[Label, _Unknown] = {}
+        self._quadratic()
+        self._forms = [self._rows(group, family.forms) for group, family in zip(system.groups, families, strict=True)]
+        for g, family in enumerate(families):
+            self._densities(g, family)
+        if self.target.ratio is not None:
+            self._smallest_eigenvalue()
+
+    def assembly(self, families: Sequence[Family]) -> Assembly:
+        """Return the problem of some of the densities and of products, in families of the same forms."""
+        labels = _labels(self._entries_of_P, families, self.target)
+        unknowns = [self._product(*label[1:]) if label[0] == "tau" else self._unknowns[label] for label in labels]
+        counts = [len(family.densities) + len(family.products) for family in families]
+        offsets = self._entries_of_P + np.cumsum([0, *counts])[:-1]
+        problem, sizes = self._problem(unknowns), np.array([unknown.size for unknown in unknowns])
+        return Assembly(
+            self.system, tuple(families), self.target, self.units, problem, sizes, tuple(int(v) for v in offsets)
+        )
+
+    def prices(self, X: Float[ndarray, "w w"]) -> Prices:
+        """Return <F, X> of every product and of every density of each group, as unknowns of a problem would have it.
+
+        A product, or a density after adding the dual bound m, may help only where its price is negative; forms that
+        are no densities get NaN.
+        """
+        labels, problem = self._all_densities
+        worth = [np.full(len(family.forms), np.nan) for family in self.families]
+        for (_, g, k), price in zip(labels, pairings(problem, X), strict=True):
+            worth[g][k] = price
+        return list(zip(self._product_prices(X), worth, strict=True))
+
+    def _product_prices(self, X: ndarray) -> list[ndarray]:
+        return [2 * rows @ X[np.ix_(at, at)] @ rows.T for _, _, rows, at in self._forms]
+
+    @cached_property
+    def _all_densities(self) -> tuple[list[Label], Problem]:
+        labels = [label for label in self._unknowns if label[0] == "mu"]
+        return labels, self._problem([self._unknowns[label] for label in labels])
+
+    @property
+    def _entries_of_P(self) -> int:
+        k = len(self.system.states)
+        return k * (k + 1) // 2 if self.full_P else k
+
+    def _rows(self, group: Group, forms: ndarray) -> tuple[ndarray, ndarray, ndarray, ndarray]:
+        """Add the rows l'N_g, in the units of z and made unit vectors; return places in S, norms, entries and where."""
+        at, rows = self.system.lines(group, forms)
+        rows = rows * self.units.entries[at]
+        norms = np.linalg.norm(rows, axis=1)
+        rows = rows / norms[:, None]
+        places = self._height + np.arange(len(rows))
+        line, entry = np.nonzero(rows)
+        self._S.append(sparse.csr_array((rows[line, entry], (line, at[entry])), shape=(len(rows), self.width)))
+        self._height += len(rows)
+        return places, norms, rows, at
+
+    def _product(self, g: int, k: int, j: int) -> _Unknown:
+        places, norms, _, _ = self._forms[g]
+        return _Unknown((int(places[k]),), (int(places[j]),), (1.0,), float(norms[k] * norms[j]), 0.0)
+
+    def _densities(self, g: int, family: Family) -> None:
+        """Add mu of each form: its own pair, and on a domain -d r r' in P, which its integral makes up for."""
+        group, (places, norms, _, _) = self.system.groups[g], self._forms[g]
+        upper = self.target.upper.get(group.curve, np.ones(len(family.forms)))
+        lower = self.target.lower.get(group.curve, np.zeros(len(family.forms)))
+        gradients = {c: self._gradient(group.row, c) for c in {float(upper[k]) for k in family.densities}}
+        if any(lower[k] for k in family.densities):
+            (y, *_), (y_norm, *_), _, _ = self._rows(group, np.eye(1, group.curve.size))
+            half, half_size = self._gradient(group.row, 0.5)
+        for k in family.densities:
+            code, size = gradients[float(upper[k])]
+            size *= float(norms[k])
+            pairs: _Pairs = ((int(places[k]),), (code,), (1.0,))
+            if lower[k]:
+                weight = -float(lower[k]) * float(y_norm) * half_size / size
+                pairs = ((int(places[k]), int(y)), (code, half), (1.0, weight))
+            self._unknowns["mu", g, k] = _Unknown(*pairs, size, 1.0)
+
+    def _gradient(self, row: ndarray, upper: float) -> tuple[int, float]:
+        """Return the code and the size of r'(G + kappa c I_x): W adds kappa c y l'phi to what V' has to outweigh."""
+        upper = upper if self.target.kappa else 0.0
+        support = np.flatnonzero(row)
+        if len(support) == 1 and row[support[0]] * self.units.states[support[0]] > 0:  # else mu would be negative
+            i = int(support[0])
+            if (i, upper) not in self._codes:
+                unit = np.zeros(self.system.n)
+                unit[i] = 1.0
+                self._codes[i, upper] = self._append(self._decaying(unit, upper) / self.units.states[i])
+            return self._codes[i, upper], float(row[i] * self.units.states[i] * self.units.rate)
+        product = self._decaying(row, upper)
+        size = float(np.linalg.norm(product)) or 1.0
+        return self._append(product / size), size * self.units.rate
+
+    def _decaying(self, row: ndarray, upper: float) -> ndarray:
+        product = row @ self.flow
+        if upper:
+            k = len(self.system.states)
+            product[:k] += (
+                self.target.kappa * upper * row[list(self.system.states)] * self.weights[:k] / self.units.rate
+            )
+        return product
+
+    def _append(self, row: ndarray) -> int:
+        self._H.append(row)
+        return -len(self._H)
+
+    def _quadratic(self) -> None:
+        """Add the entries of P: half of x'Px is its own constant c = 1/2."""
+        states, k = self.system.states, len(self.system.states)
+        units = np.eye(self.system.n)
+        codes = [self._gradient(units[i], 0.5)[0] for i in states]
+        if self.full_P:
+            for number, (i, j) in enumerate(combinations_with_replacement(range(k), 2)):
+                cost = 2.0 if i == j else 0.0
+                self._unknowns["P", number] = _Unknown((i, j), (codes[j], codes[i]), (1.0, 1.0), 1.0, cost)
+        else:
+            for i in range(k):
+                size = float(self.units.states[states[i]] ** 2 * self.units.rate)
+                self._unknowns["P", i] = _Unknown((i,), (codes[i],), (1.0,), size, 1.0)
+
+    def _smallest_eigenvalue(self) -> None:
+        """Add p: P - p diag(shape) is what the entries of P stand for, and gamma = ratio p bounds the inputs."""
+        k, rate = len(self.system.states), self.units.rate
+        codes = [self._gradient(unit, 0.5)[0] for unit in np.eye(self.system.n)]
+        shape = _shape(self.target, self.system) * self.units.states**2 * rate
+        inputs = range(k, k + self.width - self.system.entries)
+        ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries :] ** 2
+        size = float(shape.max())
+        pairs = ((*range(k), *inputs), (*codes, *inputs), (*(shape / size).tolist(), *(ratio / size).tolist()))
+        self._unknowns[("p",)] = _Unknown(*pairs, size, float(shape.sum() / size))
+
+    @cached_property
+    def _interior(self) -> ndarray:
+        """A first dual matrix: in the interior of the sector cone, a multiple of I for the inputs."""
+        X, entries = np.eye(self.width) / self.width, slice(self.system.entries)
+        X[entries, entries] = _interior(self.system, self.units)
+        return self._inward(X)
+
+    def _inward(self, X: ndarray) -> ndarray:
+        """Return X, less a multiple c of I where a product of the pools has no positive price otherwise."""
+        price = self._off_diagonal(X)
+        if (price > 0).all():
+            return X
+        change = self._off_diagonal(np.eye(self.width))
+        falling, rising = change < 0, change > 0
+        least = float((price[falling] / change[falling]).max(initial=-np.inf))
+        most = min(float(np.linalg.eigvalsh(X)[0]), (price[rising] / change[rising]).min(initial=np.inf))
+        if least < 0 < most or not least < most:
+            return X
+        c = 0.5 * (least + most) if np.isfinite(least) else 2 * most
+        return X - c * np.eye(self.width)
+
+    def _off_diagonal(self, X: ndarray) -> ndarray:
+        """Return the prices of all products of two different forms."""
+        prices = self._product_prices(X)
+        return np.concatenate([np.zeros(0), *(each[np.triu_indices(len(each), 1)] for each in prices)])
+
+    @cached_property
+    def _blocks(self) -> ndarray:
+        """The number of each entry's block: entries that the forms of a group hold together, directly or not."""
+        lines = np.repeat(np.arange(len(self._forms)), [len(at) for *_, at in self._forms])
+        entries = np.concatenate([np.zeros(0, int), *(at for *_, at in self._forms)])
+        pattern = sparse.csr_array((np.ones(len(lines)), (lines, entries)), shape=(len(self._forms), self.width))
+        return connected_components(pattern.T @ pattern)[1].astype(int)
+
+    @cached_property
+    def _all_rows(self) -> tuple[sparse.csr_array, ndarray]:
+        return sparse.csr_array(sparse.vstack(self._S)), np.array(self._H).reshape(-1, self.width)
+
+    def _problem(self, unknowns: Sequence[_Unknown]) -> Problem:
+        """Return the problem of some unknowns, with the rows that they use."""
+        S, H = self._all_rows
+        p, q = _flat(u.p for u in unknowns), _flat(u.q for u in unknowns)
+        rows, p = np.unique(np.concatenate([p, q[q >= 0]]), return_inverse=True)
+        lines, codes = np.unique(-1 - q[q < 0], return_inverse=True)
+        p, inside = p[: len(q)], p[len(q) :]
+        dense = q < 0
+        q[~dense], q[dense] = inside, len(rows) + codes
+        tie = None
+        if len(p) > len(unknowns):
+            owner = np.repeat(np.arange(len(unknowns)), [len(u.p) for u in unknowns])
+            weight = np.array([w for u in unknowns for w in u.weight])
+            tie = sparse.csr_array((weight, (np.arange(len(p)), owner)), shape=(len(p), len(unknowns)))
+        cost = np.array([unknown.cost for unknown in unknowns])
+        k = len(self.system.states) if self.full_P else 0
+        return Problem(S[rows], H[lines], p, q, cost, self._interior, self._blocks, k, tie)
+
+
+def _flat(places: Iterable[tuple[int, ...]]) -> Int[ndarray, " K"]:
+    return np.array([i for each in places for i in each], int)
+
+
+def _interior(system: System, units: Scaling) -> ndarray:
+    """Return a matrix in the interior of the sector cone: the mean of z z' over points z of the model, plus a little I.
+
+    Every product of two forms is positive there, since it is nonnegative on each point.
+    """
+    rng = np.random.default_rng(0)
+    count = SAMPLES * system.entries + 20
+    magnitude = np.exp(rng.uniform(np.log(0.1), np.log(5.0), (count, system.n)))
+    x = magnitude * rng.choice([-1.0, 1.0], magnitude.shape) * units.states
+    x *= np.min([np.ones(count), *(_share_inside(group, x) for group in system.groups)], axis=0)[:, None]
+    z = np.zeros((count, system.entries))
+    z[:, : len(system.states)] = x[:, list(system.states)]
+    for group in system.groups:
+        with np.errstate(over="ignore"):
+            values = group.curve.values(x @ group.row)[:, 1:]
+        z[:, [system.places[c] for c in group.channels]] = values
+    z = np.clip(np.nan_to_num(z / units.entries), -1e6, 1e6)
+    z /= np.maximum(np.linalg.norm(z, axis=1, keepdims=True), 1e-300)  # functions may vanish together
+    X = z.T @ z / count
+    return X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X)
+
+
+def _share_inside(group: Group, x: ndarray) -> ndarray:
+    """Return the factors by which points x must shrink so that r'x lies well inside the domain of a group."""
+    if group.curve.domain is None:
+        return np.ones(len(x))
+    y = x @ group.row
+    limit = np.where(y < 0, -float(group.curve.domain[0]), float(group.curve.domain[1]))
+    return np.minimum(1.0, 0.98 * limit / np.maximum(np.abs(y), 1e-300))
+
+
+def theorem_1(
+    Gamma: Sequence[Float[ndarray, "n n"]],
+    P: Float[ndarray, "n n"],
+    Lambda: Sequence[Float[ndarray, " n"]],
+    Xi: Sequence[Float[ndarray, " n"]],
+    Upsilon: Mapping[tuple[int, int], Float[ndarray, " n"]],
+    Phi: Float[ndarray, "n n"],
+) -> Float[ndarray, "k k"]:
+    """Return the matrix Q of the paper's Theorem 1 exactly as printed, for x' = sum_j Gamma_j f_j(x) + B u.
+
+    Q_11 = 0, so Q <= 0 forces its first block row to vanish: P = 0 and Upsilon_0j = 0. What is left is claim M without
+    any x, `reduced_theorem_1`. Diagonal matrices are given by their diagonals, Upsilon by pairs (s, z), s < z.
+    Paper: thm:main_ISS, eq:main_thm_LMIs (Sec. 4.2).
+    """
+    n, M = len(P), len(Gamma)
+    Q = np.zeros((n * (M + 2), n * (M + 2)))
+    view = Q.reshape(M + 2, n, M + 2, n)
+    for j in range(1, M + 1):
+        view[0, :, j] = P @ Gamma[j - 1] + np.diag(Upsilon.get((0, j), np.zeros(n)))
+        view[j, :, M + 1] = np.diag(Lambda[j - 1])
+        for z in range(j, M + 1):
+            view[j, :, z] = Gamma[j - 1].T * Lambda[z - 1] + Lambda[j - 1][:, None] * Gamma[z - 1]
+            view[j, :, z] += np.diag(Xi[j - 1] if z == j else Upsilon.get((j, z), np.zeros(n)))
+    view[0, :, M + 1], view[M + 1, :, M + 1] = P, -Phi
+    return np.triu(Q) + np.triu(Q, 1).T
+
+
+def reduced_theorem_1(
+    Gamma: Sequence[Float[ndarray, "n n"]],
+    Lambda: Sequence[Float[ndarray, " n"]],
+    Xi: Sequence[Float[ndarray, " n"]],
+    Upsilon: Mapping[tuple[int, int], Float[ndarray, " n"]],
+) -> Float[ndarray, "k k"]:
+    """Return what Theorem 1 comes to: the blocks of Q between f_1, …, f_M, for P = 0 and Upsilon_0j = 0.
+
+    Paper: thm:main_ISS (Sec. 4.2), reduced.
+    """
+    G = np.hstack(list(Gamma))
+    E = np.vstack([np.diag(line) for line in Lambda])
+    n, S = len(E[0]), np.diag(np.concatenate(list(Xi)))
+    for (s, z), line in Upsilon.items():
+        if s > 0:
+            S[(s - 1) * n : s * n, (z - 1) * n : z * n] += np.diag(line)
+            S[(z - 1) * n : z * n, (s - 1) * n : s * n] += np.diag(line)
+    return E @ G + G.T @ E.T + S
+
+
+def corollary_1(system: System) -> tuple[Family, ...]:
+    """Return the families of Corollary 1, corrected: y and every f_j in V, every product of two of them in one group.
+
+    The printed term R_s'R_s Upsilon R_r'R_r has the wrong shape unless all k_s = n, and is then no multiplier: products
+    of functions of different rows have no sign. With R_j = I and x among the f_j this is Theorem 1's content too.
+    Paper: cor:extension_basis_function (Sec. 4.3).
+    """
+    return tuple(Family.full(np.eye(group.curve.size)[: None if group.channels else 0]) for group in system.groups)

@@ -1,0 +1,74 @@
+"""Constants of sector forms that bound their integrals: what rates, gains and regions need (claims E and R).
+
+For a form l of a curve phi,  (d/2) y^2 <= integral of l'phi from 0 to y <= c y l'phi(y)  on the domain. Both constants
+are estimated here on samples, moved to the safe side, rounded to dyadics, and believed only when the checker
+proves them.
+"""
+
+from collections.abc import Iterable
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.lyapunov.sectors import Curve
+from persid_check.prover import prove_integral_lower, prove_integral_upper
+
+LARGEST = 64.0  # a form with a larger c is no density worth having
+SAFETY = 1 / 64  # relative distance kept from what the samples show
+STEP = 2.0**-10
+
+
+def upper_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray, " K"]:
+    """Return c for each form, NaN where none up to LARGEST is seen; 1/2 exactly for multiples of y."""
+    y, phi, integral = _sampled(curve)
+    with np.errstate(all="ignore"):
+        ratio = np.nanmax((integral @ forms.T) / (y[:, None] * (phi @ forms.T)), axis=0, initial=0.0)
+    c = np.ceil(ratio * (1 + SAFETY) / STEP) * STEP
+    c = np.where(np.isfinite(c) & (c <= LARGEST), c, np.nan)
+    return np.where((forms[:, 1:] == 0).all(axis=1), 0.5, c)
+
+
+def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray, " K"]:
+    """Return d >= 0 for each form."""
+    y, _, integral = _sampled(curve)
+    with np.errstate(all="ignore"):
+        ratio = np.nanmin(2 * (integral @ forms.T) / y[:, None] ** 2, axis=0)
+    ratio = np.where(np.isfinite(ratio), ratio, 0.0)
+    size = np.exp2(np.floor(np.log2(np.maximum(ratio, 1e-300))))
+    worth = ratio > 1e-2 * np.abs(forms).max(axis=1)
+    return np.where(worth, np.floor(ratio * (1 - SAFETY) / size / STEP) * STEP * size, 0.0)
+
+
+def proves_upper(curve: Curve, form: Iterable[float], c: float) -> bool:
+    """Whether the checker's prover establishes the upper bound of the integral."""
+    return prove_integral_upper(curve.exact, _fractions(form), Fraction(c), curve.domain, curve.shift)
+
+
+def proves_lower(curve: Curve, form: Iterable[float], d: float) -> bool:
+    """Whether the checker's prover establishes the lower bound of the integral."""
+    return d == 0 or prove_integral_lower(curve.exact, _fractions(form), Fraction(d), curve.domain, curve.shift)
+
+
+def _fractions(form: Iterable[float]) -> tuple[Fraction, ...]:
+    return tuple(Fraction(float(c)) for c in form)
+
+
+def _sampled(curve: Curve, count: int = 800) -> tuple[ndarray, ndarray, ndarray]:
+    """Return y, phi(y) and the integral of phi from 0 to y on both sides of 0, where the values stay moderate."""
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    low, high = (1e6, 1e6) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
+    sides = []
+    for sign, end in ((1.0, high), (-1.0, low)):
+        y = sign * np.concatenate([[0.0], np.geomspace(min(1e-3, 1e-3 * end), end, count)])
+        middle, half = (y[1:] + y[:-1]) / 2, np.diff(y) / 2
+        with np.errstate(all="ignore"):
+            inner = curve.values((middle[:, None] + half[:, None] * nodes).ravel())
+            pieces = np.einsum("kqd,q->kd", inner.reshape(count, len(nodes), curve.size), weights)
+            integral = np.cumsum(pieces * half[:, None], axis=0)
+            phi = curve.values(y[1:])
+        usable = (np.abs(phi) < 1e100).all(axis=1) & np.isfinite(integral).all(axis=1)
+        sides.append((y[1:][usable], phi[usable], integral[usable]))
+    y, phi, integral = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+    return y, phi, integral

@@ -1,0 +1,170 @@
+r"""A structured primal-dual interior-point method for sector-form matrix inequalities.
+
+    maximise t   subject to   Z = -sum_k y_k F_k - t N >= 0,   P(y) >= 0,   y_k >= 0 (multipliers),   c'y = 1      (D)
+    minimise m   subject to   x_k = <F_k, X> - <E_k, U> + m c_k >= 0 (= 0 for entries of P),  X, U >= 0,  <N, X> = 1 (P)
+
+N is the inverse of a matrix X0 > 0 with <F_k, X0> > 0 wherever c_k = 0, such as the mean of z z' over points of the
+sector cone. Where X0 is the identity the cone is round, and the start X = I / order is nearly central.
+
+Every unknown enters through *pairs* of rows of one matrix D:  F_k = sum over its pairs of  d_p d_q' + d_q d_p'.  So
+with Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is made of elementwise products of blocks,
+
+    tr(F_k X F_l Z^-1) = Y[q,r] V[p,s] + Y[q,s] V[p,r] + Y[p,r] V[q,s] + Y[p,s] V[q,r]      for k = (p, q), l = (r, s),
+
+and no F_k is ever formed (`pairs`). Strictly feasible starts exist on both sides, hence no phase 1: at every iterate t
+is a lower and m an upper bound of the optimal margin, and the sign of the margin is known as soon as t > 0 or m < 0.
+
+When unknowns join, the method goes on where it is: y stays strictly feasible with a little of each new unknown. Where
+the price of a new one is negative, the equality of its x_k is met in the steps that follow; until then m is no bound.
+A `Fence` keeps the prices of unknowns outside the problem from becoming negative, so that m bounds those, too.
+References: Helmberg, Rendl, Vanderbei & Wolkowicz (1996), SIAM J. Optim. 6(2); Mehrotra (1992), SIAM J. Optim. 2(4).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+from persid.lyapunov.iterate import Iterate, first_iterate, resumed, step
+from persid.lyapunov.pairs import Problem
+
+ITERATIONS = 80
+NOISE = 1e-12  # of the first distance of the bounds: a margin below it is not told from zero
+
+
+class Status(Enum):
+    """Why the method stopped, as a full sentence."""
+
+    FEASIBLE = "A strictly feasible point was found."
+    INFEASIBLE = "A dual matrix shows that no feasible point exists in this family."
+    STALLED = "The bounds met, or steps became too short, before the sign of the margin was decided."
+    BLOCKED = "A fence shortened the last step: unknowns outside the problem have to join it."
+    ROUGH = "The bounds came as near to each other as was asked, and the sign of the margin is still open."
+    TIME = "The time limit was reached."
+    INTERRUPTED = "The run was interrupted; the best point so far is kept."
+
+
+@runtime_checkable
+class Fence(Protocol):
+    """Unknowns outside a problem whose prices are to stay positive; X is in the coordinates of the problem given."""
+
+    def bound(self, X: Float[ndarray, "N N"]) -> float:
+        """Return the least m for which no price at X is negative."""
+        ...
+
+    def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
+        """Return the share of a step between two (X, m) that may be taken; 1 where nothing blocks it."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Why the method stopped, the last iterate in coordinates z = C w, and a `log` of one line per iterate."""
+
+    status: Status
+    last: Iterate
+    C: Float[ndarray, "N N"]
+    first: float  # the distance of the bounds at the start
+    log: tuple[str, ...]
+
+    @property
+    def y(self) -> Float[ndarray, " J"]:
+        """The unknowns."""
+        return self.last.y
+
+    @property
+    def lower(self) -> float:
+        """A lower bound of the optimal margin, t."""
+        return self.last.t
+
+    @property
+    def upper(self) -> float:
+        """An upper bound of the optimal margin: m, and infinity before the dual iterate is feasible."""
+        return self.last.m if self.last.is_dual_feasible else np.inf
+
+    @property
+    def steps(self) -> int:
+        """The number of steps taken."""
+        return len(self.log) - 1
+
+    @cached_property
+    def X(self) -> Float[ndarray, "N N"]:
+        """The dual matrix, in the coordinates of the problem given."""
+        return self.C @ self.last.X @ self.C.T
+
+
+def solve(
+    problem: Problem,
+    *,
+    start: tuple[Solution, Int[ndarray, " J"]] | None = None,
+    fence: Fence | None = None,
+    time_limit: float = np.inf,
+    quality: float = 0.05,
+    gap: float = 1e-13,
+    fall: float = 0.0,
+    iterations: int = ITERATIONS,
+) -> Solution:
+    """Decide the sign of the optimal margin, with a bound that is some way from zero: t > quality m, or m < quality t.
+
+    `start` is the solution of a problem with fewer unknowns, and the place there of every unknown here (-1: it is new).
+    The run is ROUGH when the bounds are within `gap` of their first distance, or mu has fallen to `fall` of its start;
+    it is BLOCKED after a step that `fence` shortened.
+    """
+    if start is None:
+        C = whitening(problem)
+        state = first_iterate(problem.whitened(C), 0.0 if fence is None else fence.bound(C @ C.T / problem.order))
+        first = state.m - state.t
+    else:
+        C, first = start[0].C, start[0].first
+        state = resumed(problem.whitened(C), start[0].last, start[1])
+    log, status, share = [], Status.STALLED, 1.0
+    started, goal = time.perf_counter(), fall * state.mu
+    try:
+        for count in range(iterations):
+            log.append(f"{count:3d}  t = {state.t: .3e}  m = {state.m: .3e}  mu = {state.mu:.1e}")
+            if state.m < min(quality * state.t, -NOISE * first) and state.is_dual_feasible:
+                status = Status.INFEASIBLE
+                break
+            if state.t > max(quality * state.m, 0.0):
+                break
+            if state.gap < NOISE * first:
+                break
+            if state.gap < gap * first or state.mu < goal:
+                status = Status.ROUGH
+                break
+            if time.perf_counter() - started > time_limit:
+                status = Status.TIME
+                break
+            if share < 1:
+                status = Status.BLOCKED
+                break
+            following = step(state, None if fence is None else _limit(fence, state, C))
+            if following is None:
+                break
+            state, share = following
+    except KeyboardInterrupt:
+        status = Status.INTERRUPTED
+    if state.t > 0 and status is not Status.BLOCKED and state.is_interior:
+        status = Status.FEASIBLE
+    return Solution(status, state, C, first, tuple(log))
+
+
+def _limit(fence: Fence, state: Iterate, C: ndarray) -> Callable[[ndarray, float], float]:
+    """Return the fence as a step sees it, in the coordinates of the iterates."""
+    here = C @ state.X @ C.T, state.m
+    return lambda X, m: fence.share(here, (C @ X @ C.T, m))
+
+
+def whitening(problem: Problem) -> Float[ndarray, "N N"]:
+    """Return C: in coordinates z = C w the dual matrix X0 of the problem, restricted to its blocks, is I."""
+    C = np.zeros((problem.order, problem.order))
+    for block in range(int(problem.blocks.max(initial=-1)) + 1):
+        inside = np.ix_(problem.blocks == block, problem.blocks == block)
+        C[inside] = np.linalg.cholesky(problem.X[inside])
+    return C

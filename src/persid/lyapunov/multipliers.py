@@ -1,0 +1,164 @@
+"""From a solution in floating point to the bytes of a certificate: choose what is used, round, factor, write."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid._dyadics import SLACK, _floor, rounded
+from persid.errors import RoundingError
+from persid.lyapunov.inequality import Assembly
+from persid.lyapunov.system import System
+
+NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)  # unknowns below such a share of the largest are tried as zeros
+LOSS = 1.05  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The part of a group's family that a certificate uses: forms with mu, c and d, and products (k, l, tau)."""
+
+    forms: Float[ndarray, "K d"]
+    mu: Float[ndarray, " K"]
+    upper: Float[ndarray, " K"]
+    lower: Float[ndarray, " K"]
+    products: tuple[tuple[int, int, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Lyapunov:
+    """V and the multipliers of its proof, in numbers that a certificate can write exactly."""
+
+    system: System
+    P: Float[ndarray, "n n"]
+    chosen: tuple[Chosen, ...]
+    kappa: float
+    units: Float[ndarray, " m"] | None = None  # of the inputs of `system`, where each has its own gain: u = units v
+
+    @cached_property
+    def E(self) -> Float[ndarray, "N n"]:
+        """Half the gradient of V is E'z."""
+        E = np.zeros((self.system.entries, self.system.n))
+        E[: len(self.system.states)] = self.P[list(self.system.states)]
+        for group, part in zip(self.system.groups, self.chosen, strict=True):
+            E += np.outer(part.mu @ self.system.lift(group, part.forms), group.row)
+        return E
+
+    @cached_property
+    def decrease(self) -> Float[ndarray, "N N"]:
+        """The matrix -Q - kappa W."""
+        EG = self.E @ self.system.G
+        total = -EG - EG.T
+        if self.kappa:
+            k = len(self.system.states)
+            total[:k, :k] -= self.kappa * self.P[np.ix_(self.system.states, self.system.states)]
+        for group, part in zip(self.system.groups, self.chosen, strict=True):
+            rows = self.system.lift(group, part.forms)
+            T = np.zeros((len(rows), len(rows)))
+            for k, j, tau in part.products:
+                T[k, j] = T[j, k] = tau
+            total -= rows.T @ T @ rows
+            if self.kappa:
+                y = self.system.lift(group, np.eye(1, group.curve.size))[0]
+                weight = (part.mu * np.nan_to_num(part.upper)) @ rows
+                total -= self.kappa * (np.outer(y, weight) + np.outer(weight, y))
+        return total
+
+    @cached_property
+    def below(self) -> Float[ndarray, "n n"]:
+        """A matrix with V >= x'below x on the domain: P and, on a domain, what the integrals add."""
+        rows = np.array([group.row for group in self.system.groups]).reshape(-1, self.system.n)
+        return self.P + (rows.T * [float(part.mu @ part.lower) for part in self.chosen]) @ rows
+
+    @cached_property
+    def gamma(self) -> float:
+        """A gamma for which the block with the inputs is positive definite: above (EB)'(-Q - kappa W)^-1 EB."""
+        EB = self.E @ self.system.B
+        if not EB.shape[1]:
+            return 1.0
+        scale = 1 / np.sqrt(np.diag(self.decrease))
+        solved = np.linalg.solve(scale[:, None] * self.decrease * scale, scale[:, None] * EB)
+        return -_floor(-max(float(np.linalg.eigvalsh((scale[:, None] * EB).T @ solved)[-1]), 1e-300))
+
+    @property
+    def coupling(self) -> Float[ndarray, "m m"]:
+        """A symmetric Gamma for which that block is positive definite: (EB)'(-Q - kappa W)^-1 EB and a little more.
+
+        Its diagonal holds the gains of single inputs, squared; one that does nothing is given a tiny gain.
+        """
+        scale = 1 / np.sqrt(np.diag(self.decrease))
+        EB = scale[:, None] * self.E @ self.system.B
+        least = EB.T @ np.linalg.solve(scale[:, None] * self.decrease * scale, EB)
+        sizes = np.diag(least)
+        floor = 1e-18 * (sizes.max(initial=0.0) or 1.0)
+        return (least + least.T) / 2 + np.diag(SLACK * np.maximum(sizes, floor))
+
+    @property
+    def depth(self) -> float:
+        """The smallest eigenvalue of `below` on the kept states."""
+        states = list(self.system.states)
+        return float(np.linalg.eigvalsh(self.below[np.ix_(states, states)])[0]) if states else 0.0
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the inequalities hold in floating point."""
+        states = list(self.system.states)
+        return _is_positive(self.decrease) and _is_positive(self.below[np.ix_(states, states)])
+
+
+def choose(
+    assembly: Assembly,
+    y: Float[ndarray, " J"],
+    lower: Sequence[Float[ndarray, " _"]] | None = None,
+    units: Float[ndarray, " m"] | None = None,
+) -> Lyapunov:
+    """Return the rounded Lyapunov function of a solution; negligible unknowns go where the margin allows it.
+
+    `lower` gives the constants d of each group's forms (claim R), `units` those of the inputs (a gain for each).
+
+    Raises:
+        RoundingError: the rounded numbers do not satisfy the inequalities.
+    """
+    complete = _lyapunov(assembly, y, lower)
+    if not complete.is_sound:
+        raise RoundingError("rounding the multipliers loses the margin of the matrix inequality")
+    for share in NEGLIGIBLE:
+        sparse = np.where(np.abs(y) < share * np.abs(y).max(), 0.0, y)
+        sparse[: assembly.problem.free] = y[: assembly.problem.free]
+        leaner = _lyapunov(assembly, sparse, lower)
+        if leaner.is_sound and leaner.gamma <= LOSS * complete.gamma and leaner.depth >= complete.depth / LOSS:
+            return replace(leaner, units=units)
+    return replace(complete, units=units)
+
+
+def _lyapunov(assembly: Assembly, y: ndarray, lower: Sequence[ndarray] | None) -> Lyapunov:
+    numbers = assembly.multipliers(y)
+    chosen = _chosen(assembly, numbers.mu, numbers.tau, lower)
+    return Lyapunov(assembly.system, rounded(numbers.P), chosen, assembly.target.kappa)
+
+
+def _is_positive(M: ndarray) -> bool:
+    diagonal = np.diag(M)
+    if not (diagonal > 0).all():
+        return False
+    scale = 1 / np.sqrt(diagonal)
+    return not len(M) or bool(np.linalg.eigvalsh(scale[:, None] * M * scale)[0] > 1e-13)
+
+
+def _chosen(
+    assembly: Assembly, mus: Sequence[ndarray], taus: Sequence[ndarray], lower: Sequence[ndarray] | None
+) -> tuple[Chosen, ...]:
+    found = []
+    parts = zip(assembly.system.groups, assembly.families, mus, taus, strict=True)
+    for g, (group, family, mu, tau) in enumerate(parts):
+        products = [(k, j, float(t)) for (k, j), t in zip(family.products, rounded(tau), strict=True) if t > 0]
+        used = sorted({k for k in range(len(mu)) if mu[k] > 0} | {k for pair in products for k in pair[:2]})
+        place = {k: new for new, k in enumerate(used)}
+        pairs = tuple((min(place[k], place[j]), max(place[k], place[j]), t) for k, j, t in products)
+        upper = assembly.target.upper.get(group.curve, np.full(len(mu), np.nan))
+        below = np.zeros(len(mu)) if lower is None else lower[g]
+        found.append(Chosen(family.forms[used], rounded(mu[used]), upper[used], below[used], pairs))
+    return tuple(found)

@@ -1,0 +1,134 @@
+"""Operating points: equilibria of a model for a constant input, found by Newton's method and proved by the checker."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid_check
+from persid._dyadics import dyadic, dyadics
+from persid.errors import ModelError
+from persid.models.model import PersidskiiModel
+
+STARTS = 64  # points from which Newton's method sets out, for up to 20 states
+REACH = 4.0  # starts fill the box of the data, enlarged this many times about its centre
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """Exactly one equilibrium x* for the constant input u lies in the ball |x - x*|_inf <= radius, by proof."""
+
+    x: Float[ndarray, " n"]
+    radius: float
+    u: Float[ndarray, " m"]
+
+    def to_dict(self, *, with_input: bool = True) -> dict[str, Any]:
+        """Return the point as a certificate writes it."""
+        point: dict[str, Any] = {"x": dyadics(self.x), "radius": dyadic(self.radius)}
+        return point | ({"u": dyadics(self.u)} if with_input else {})
+
+
+def find_operating_point(
+    model: PersidskiiModel,
+    u: Sequence[float] | ndarray | None = None,
+    *,
+    near: Any = None,
+    starts: int | None = None,
+    seed: int = 0,
+) -> tuple[OperatingPoint, ...]:
+    """Return the equilibria found for a constant input, each one proved, nearest to x_ref (or `near`) first.
+
+    That no other one exists is not claimed: Newton's method sets out from a fixed set of points.
+
+    Args:
+        model: the model.
+        u: the constant input, (m,), default u_ref.
+        near: a state to sort by, and to set out from as well.
+        starts: how many points to set out from: by default 64 for up to 20 states, else 8.
+        seed: of the points.
+
+    Raises:
+        ModelError: u or `near` is not a vector of finite numbers of the right length.
+    """
+    u = model.u_ref if u is None else vector("u", u, model.m)
+    centre = model.x_ref if near is None else vector("a state near the operating point", near, model.n)
+    found, units = list[ndarray](), _units(model)
+    for start in _starts(model, centre, units, starts or (STARTS if model.n <= 20 else 8), seed):
+        with np.errstate(all="ignore"):
+            x = _newton(model, start, u, units)
+        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * units) for other in found):
+            found.append(x)
+    found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
+    proved = (prove(model, x, u) for x in found)
+    return tuple(point for point in proved if point is not None)
+
+
+def vector(name: str, given: Any, size: int) -> ndarray:
+    """Return what a caller gave as a vector of finite numbers, or say what is needed."""
+    try:
+        found = np.array(given, float)
+    except (TypeError, ValueError):
+        raise ModelError(f"{name} is {given!r}; needed are {size} numbers") from None
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise ModelError(f"{name} is {given!r}; needed are {size} finite numbers")
+    return found
+
+
+def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m"]) -> OperatingPoint | None:
+    """Return the equilibrium near x as a proved ball, or None where the proof fails."""
+    ball = persid_check.prove_equilibrium(model.to_dict(), x.tolist(), u.tolist())
+    return None if ball is None else OperatingPoint(x, float(ball), u)
+
+
+def usual_box(model: PersidskiiModel) -> Float[ndarray, "n 2"]:
+    """Return the box of the data, or one of a few natural units of the functions where the model has none."""
+    if model.domain is not None:
+        return model.domain
+    rows = model.channels.rows
+    widest = np.abs(rows).max(axis=0) if len(rows) else np.ones(model.n)
+    half = 5.0 / np.where(widest > 0, widest, 1.0)
+    return np.stack([model.x_ref - half, model.x_ref + half], axis=1)
+
+
+def _units(model: PersidskiiModel) -> Float[ndarray, " n"]:
+    """Return half the sides of the usual box: what is large and what is small, state by state."""
+    half = np.diff(usual_box(model), axis=1)[:, 0] / 2
+    return np.where(half > 0, half, 1.0)
+
+
+def _starts(model: PersidskiiModel, centre: ndarray, units: ndarray, count: int, seed: int) -> ndarray:
+    middle = usual_box(model).mean(axis=1)
+    cube = np.random.default_rng(seed).uniform(-1, 1, (count, model.n))
+    near, far = middle + units * cube[: count // 2], middle + REACH * units * cube[count // 2 :]
+    return np.vstack([centre, model.x_ref, near, far])
+
+
+def _newton(model: PersidskiiModel, start: ndarray, u: ndarray, units: ndarray) -> ndarray | None:
+    """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method in the given units, then polish by Newton steps."""
+    from scipy.optimize import root
+
+    if not model.rhs(start, u).any():  # exactly at rest, where the Jacobian may be singular, as that of -x**3 at 0
+        return start
+
+    def flow(v: ndarray) -> ndarray:
+        return _bounded(model.rhs(units * v, u) / units)
+
+    def slopes(v: ndarray) -> ndarray:
+        return _bounded(model.jacobian(units * v) * units / units[:, None])
+
+    x = units * root(flow, start / units, jac=slopes).x
+    try:
+        for _ in range(3):
+            x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
+    except np.linalg.LinAlgError:
+        return None
+    residual = np.abs(model.rhs(x, u) / units).max()
+    size = np.abs(model.jacobian(x) * units / units[:, None]).max() * np.abs((x - model.x_ref) / units).max()
+    return x if residual <= 1e-9 * (1 + size) < np.inf else None  # neither NaN nor infinity is an equilibrium
+
+
+def _bounded(values: ndarray) -> ndarray:
+    return np.nan_to_num(values, nan=1e100, posinf=1e100, neginf=-1e100)

@@ -1,0 +1,89 @@
+"""Rates and gains: the best kappa of claim E by bisection, then the smallest gain at a chosen share of it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.lyapunov.interior_point import Status
+from persid.lyapunov.multipliers import choose
+from persid.lyapunov.search import Outcome, search
+from persid.lyapunov.sectors import Curve
+from persid.lyapunov.system import System, Target
+
+STEPS = 8  # bisections of the rate, and of the gain
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A system with its pools and the constants of its forms, and the shape in which V is bounded from below."""
+
+    system: System
+    pools: Mapping[Curve, Float[ndarray, "K d"]]
+    upper: Mapping[Curve, Float[ndarray, " K"]]
+    lower: Mapping[Curve, Float[ndarray, " K"]]
+    full: bool  # a full P, else a diagonal one
+    shape: Float[ndarray, " n"] | None = None
+
+    def ask(
+        self, kappa: float, ratio: float | None, start: Outcome | None, left: Callable[[], float]
+    ) -> Outcome | None:
+        """Return a feasible outcome for a rate and a ratio gamma / p, or None."""
+        target = Target(kappa, ratio, self.shape, self.upper, self.lower)
+        families = None if start is None else start.assembly.families
+        found = search(self.system, self.pools, full_P=self.full, target=target, families=families, time_limit=left())
+        if found.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        return found if found.status is Status.FEASIBLE else None
+
+
+def best_rate(question: Question, fastest: float, left: Callable[[], float]) -> Outcome | None:
+    """Return an outcome whose kappa is within a few percent of the largest that the pools certify.
+
+    `fastest` bounds kappa from above: twice the decay rate of the linearisation.
+    """
+    best: Outcome | None = None
+    low, high = 0.0, fastest
+    trial = 0.9 * fastest
+    for _ in range(STEPS):
+        if left() <= 0:
+            break
+        found = question.ask(trial, None, best, left)
+        if found is None:
+            high = trial
+        else:
+            best, low = found, trial
+        trial = 0.5 * (low + high) if low else 0.3 * high
+        if low and high < 1.05 * low:
+            break
+    return best
+
+
+def smallest_gain(question: Question, kappa: float, start: Outcome, left: Callable[[], float]) -> Outcome | None:
+    """Return an outcome of rate kappa whose ratio gamma / p is within a few percent of the smallest."""
+    best, low, high = None, 0.0, _ratio(question, kappa, start, left)
+    for step in range(STEPS + 4):
+        if left() <= 0 or not np.isfinite(high) or high < 1.1 * low:
+            break
+        trial = high if step == 0 else float(np.sqrt(low * high)) if low else 0.1 * high
+        found = question.ask(kappa, trial, best or start, left)
+        if found is None:
+            low = trial
+            if step == 0:
+                high *= 16
+        else:
+            best, high = found, trial
+    return best
+
+
+def _ratio(question: Question, kappa: float, start: Outcome, left: Callable[[], float]) -> float:
+    """Return a ratio gamma / p that some Lyapunov function of this rate attains."""
+    found = question.ask(kappa, None, start, left)
+    if found is None:
+        return np.inf
+    lyapunov = choose(found.assembly, found.solution.y, [question.lower[g.curve] for g in question.system.groups])
+    weight = np.ones(question.system.n) if question.shape is None else question.shape
+    scaled = lyapunov.below / np.sqrt(weight) / np.sqrt(weight)[:, None]
+    return 1.1 * lyapunov.gamma / float(np.linalg.eigvalsh(scaled)[0])

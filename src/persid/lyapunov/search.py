@@ -1,0 +1,163 @@
+"""Search for the multipliers of a system: grow the families of forms until the sign of the margin is decided.
+
+A group's pool holds dozens of forms and hundreds of products, of which a certificate uses a few. So the interior-point
+method begins with a few of them, and its dual matrix X prices the others: a product l_k l_l may help if and only if
+l_k'N X N'l_l < 0. The most promising join, and the method goes on from where it is. That is done in two ways.
+
+Free rounds: price each time that mu has fallen tenfold. A certificate with some room is found in hardly more
+iterations than one problem takes. But an unknown that joins with a negative price puts X outside the cone, and near an
+optimum of about zero hundreds of short steps would follow.
+Fenced steps: from the beginning, with what has joined so far, X never leaves the cone of the whole pool; what stands in
+its way joins, at a positive price. So m bounds the margin of the whole pool at every step, and m < 0 proves that it has
+no certificate.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import repeat
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.lyapunov.inequality import Assembly, Catalogue, Prices
+from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
+from persid.lyapunov.sectors import Curve, Group
+from persid.lyapunov.system import Family, System, Target
+
+FIRST_FORMS = 4  # forms of a pool that the search begins with
+JOINING = 4  # products, and half as many densities, that may join a group in one round
+FALL = 0.1  # share to which mu falls in a free round
+FREE_STEPS = 60  # of all free rounds
+ROUNDS = 400
+INSIDE = 0.9  # of the way to the fence that a step goes
+FREE = Status.ROUGH, Status.INFEASIBLE, Status.STALLED  # that may change with more unknowns: without a fence,
+FENCED = (Status.BLOCKED,)  # and with one
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How a search ended: the last problem and its solution; in how many rounds, and all steps."""
+
+    assembly: Assembly
+    solution: Solution
+    rounds: int
+    steps: int
+
+    @property
+    def status(self) -> Status:
+        """Why the search stopped; a search that is still blocked after its last round has stalled."""
+        return Status.STALLED if self.solution.status is Status.BLOCKED else self.solution.status
+
+
+def search(
+    system: System,
+    pools: Mapping[Curve, Float[ndarray, "K d"]],
+    *,
+    full_P: bool = False,
+    target: Target | None = None,
+    families: tuple[Family, ...] | None = None,
+    time_limit: float = np.inf,
+    progress: Callable[[str], None] | None = None,
+) -> Outcome:
+    """Find multipliers with positive margin, or a dual matrix against every form and product of the pools.
+
+    `families` is the choice to begin with, such as that of an earlier outcome for the same pools.
+    """
+    started, target = time.perf_counter(), target or Target()
+    if target.kappa and len(system.states) < system.n:
+        raise ValueError("claims E and R keep every state; this system has dropped one, and its forms with it")
+    if families is None:
+        families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
+    whole = catalogue(system, families, full_P, target)
+    assembly, start, fence, steps = whole.assembly(families), None, None, 0
+    for count in range(1, ROUNDS + 1):
+        left = time_limit - (time.perf_counter() - started)
+        fall, allowed = (FALL, max(1, FREE_STEPS - steps)) if fence is None else (0.0, ITERATIONS)
+        solution = solve(assembly.problem, start=start, fence=fence, fall=fall, iterations=allowed, time_limit=left)
+        steps += solution.steps
+        if progress is not None:
+            size = len(assembly.problem.cost)
+            progress(f"round {count}: {size} unknowns, {solution.steps} iterations, {solution.status.name}")
+        if solution.status not in (FREE if fence is None else FENCED):
+            break
+        prices, m = (whole.prices(solution.X), solution.last.m) if fence is None else fence.wanted
+        grown = tuple(map(join, assembly.families, prices, repeat(m)))
+        settled = all(_contains(old, new) for old, new in zip(assembly.families, grown, strict=True))
+        if settled and solution.status is Status.INFEASIBLE:
+            break
+        before, assembly = assembly, assembly if settled else whole.assembly(grown)
+        if fence is None and solution.status is not Status.ROUGH:
+            start, fence = None, PoolFence(whole)
+        else:
+            start = solution, assembly.places_in(before)
+    return Outcome(assembly, solution, count, steps)
+
+
+class PoolFence:
+    """The cone of all products and densities of the pools; `wanted` is the last end of a step: its prices and m."""
+
+    def __init__(self, whole: Catalogue) -> None:
+        self._whole = whole
+        self.wanted: tuple[Prices, float] = [], 0.0
+
+    def bound(self, X: Float[ndarray, "N N"]) -> float:
+        """Return the least m for which no price at X is negative."""
+        return max((-float(np.nanmin(worth, initial=0.0)) for _, worth in self._whole.prices(X)), default=0.0)
+
+    def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
+        """Return the share of a step between two (X, m) that stays well inside the cone."""
+        share, prices = 1.0, self._whole.prices(there[0])
+        for old, new in zip(self._whole.prices(here[0]), prices, strict=True):
+            for at, to in ((old[0], new[0]), (old[1] + here[1], new[1] + there[1])):
+                leaving = (to < 0) & (at > 0)
+                share = min(share, INSIDE * float((at[leaving] / (at - to)[leaving]).min(initial=np.inf)))
+        self.wanted = prices, there[1]
+        return share
+
+
+def catalogue(system: System, families: Sequence[Family], full_P: bool, target: Target) -> Catalogue:
+    """Return all that pools allow: every form with the constant c that a rate needs may stand in V."""
+    allowed = [
+        Family(family.forms, _rated(group, family.forms, target), ())
+        for group, family in zip(system.groups, families, strict=True)
+    ]
+    return Catalogue(system, allowed, full_P=full_P, target=target)
+
+
+def _rated(group: Group, forms: ndarray, target: Target) -> tuple[int, ...]:
+    if not target.kappa:
+        return tuple(range(len(forms)))
+    return tuple(int(k) for k in np.flatnonzero(np.isfinite(target.upper[group.curve][: len(forms)])))
+
+
+def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Target) -> Family:
+    """Return the first choice from a pool; where a state that the group reads is dropped, forms with y drop too."""
+    touched = set(np.flatnonzero(group.row)) - set(system.states)
+    usable = pool[pool[:, 0] == 0] if touched else pool
+    usable = usable if group.channels else usable[:0]
+    first = Family.full(usable[:FIRST_FORMS]).within(usable)
+    return Family(usable, _rated(group, usable, target)[:FIRST_FORMS], first.products)
+
+
+def _contains(old: Family, new: Family) -> bool:
+    """Whether nothing has joined a family."""
+    return set(new.products) <= set(old.products) and set(new.densities) <= set(old.densities)
+
+
+def join(family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K"]], bound: float) -> Family:
+    """Return a family with the products and densities of its pool that the dual matrix prices lowest.
+
+    A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation, which no choice of units can change.
+    """
+    price, worth = prices
+    length = np.sqrt(0.5 * np.diag(price))
+    price, worth = price / np.outer(length, length), np.nan_to_num((worth + bound) / length, nan=np.inf)
+    price[np.tril_indices(len(price))] = np.inf
+    price[tuple(np.array(family.products, int).reshape(-1, 2).T)] = np.inf
+    worth[list(family.densities)] = np.inf
+    k, j = np.unravel_index(np.argsort(price, axis=None)[:JOINING], price.shape)
+    products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
+    densities = [int(k) for k in np.argsort(worth)[: JOINING // 2] if worth[k] < 0]
+    return Family(family.forms, (*family.densities, *densities), (*family.products, *products))

@@ -1,0 +1,264 @@
+"""Groups of channels and their sector forms: what a proof may use about the functions of a model.
+
+Channels whose argument rows agree up to a positive factor form a group with phi(y) = (y, f_1(a_1 y), …, f_J(a_J y)).
+A *sector form* is a vector l with y * l'phi(y) >= 0 on the domain. The forms of a group are the dual cone of the curve
+sign(y) phi(y), so the sharpest ones are the facets of its conic hull. They are found here in floating point, relaxed
+a little, rounded to dyadic rationals, and believed only when `persid_check` has proved them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.models.channels import Channels
+from persid.models.functions import scalar_function
+from persid_check.expression import Program
+from persid_check.prover import prove_sector_form
+
+POOL_SIZE = 48  # facets kept of a curve, the most different ones first
+LOOSE = 2.0**-8  # the same for nondecreasing forms, whose proof takes about 1 / sqrt(LOOSE) pieces
+RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
+ROUNDING = 2.0**-20
+HULL_SAMPLES = {1: 10, 2: 400, 3: 400, 4: 400, 5: 120, 6: 40}  # by dimension: the number of facets grows with a power
+FINE_SAMPLES = 3000
+LARGEST_VALUE = 1e120  # samples of the curve stop where a function exceeds this
+
+
+@dataclass(frozen=True)
+class Curve:
+    """phi(y) = (y, f_1(a_1 (y* + y)) - f_1(a_1 y*), …) on a domain (None: R), y* within the ball `shift`."""
+
+    functions: tuple[str, ...]
+    factors: tuple[Fraction, ...]
+    domain: tuple[Fraction, Fraction] | None = None
+    shift: tuple[Fraction, Fraction] | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of entries of phi."""
+        return 1 + len(self.functions)
+
+    def values(self, y: Float[ndarray, " N"]) -> Float[ndarray, "N d"]:
+        """Return phi(y), one row a sample."""
+        at = 0.0 if self.shift is None else float(self.shift[0])
+        columns = [y]
+        for text, factor in zip(self.functions, self.factors, strict=True):
+            f, a = scalar_function(text), float(factor)
+            base = np.zeros(1) if self.shift is None else f.value(np.array([a * at]))
+            columns.append(f.value(a * (at + y)) - base)
+        return np.stack(columns, axis=1)
+
+    def slopes(self, y: Float[ndarray, " N"]) -> Float[ndarray, "N d"]:
+        """Return phi'(y), one row a sample."""
+        at = 0.0 if self.shift is None else float(self.shift[0])
+        columns = [np.ones_like(y)]
+        for text, factor in zip(self.functions, self.factors, strict=True):
+            a = float(factor)
+            columns.append(a * scalar_function(text).derivative(a * (at + y)))
+        return np.stack(columns, axis=1)
+
+    @property
+    def exact(self) -> tuple[tuple[Program, Fraction], ...]:
+        """The curve as the checker's prover takes it."""
+        return tuple((scalar_function(f).program, a) for f, a in zip(self.functions, self.factors, strict=True))
+
+    def proves(self, form: Iterable[float]) -> bool:
+        """Whether the checker's prover establishes y * form'phi(y) >= 0 on the domain."""
+        return prove_sector_form(self.exact, tuple(Fraction(float(c)) for c in form), self.domain, self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Channels with one argument row r: entry 0 of phi is y = r'x, entry 1 + j belongs to `channels[j]`.
+
+    `members` lists all channels with this row; those with a zero column have no effect and no place in phi.
+    """
+
+    row: Float[ndarray, " n"]
+    channels: tuple[int, ...]
+    members: tuple[int, ...]
+    curve: Curve
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where functions are looked at: about x* = x_ref + `offset`, known up to `radius`, on a `box` relative to x*."""
+
+    offset: tuple[Fraction, ...]
+    radius: Fraction = Fraction(0)
+    box: tuple[tuple[Fraction, Fraction], ...] | None = None
+
+    def shift(self, row: ndarray) -> tuple[Fraction, Fraction]:
+        """Return the ball (center, radius) of r'(x* - x_ref)."""
+        exact = {int(i): Fraction(float(row[i])) for i in np.flatnonzero(row)}
+        center = sum((r * self.offset[i] for i, r in exact.items()), Fraction(0))
+        return center, sum((abs(r) for r in exact.values()), Fraction(0)) * self.radius
+
+    def domain(self, row: ndarray) -> tuple[Fraction, Fraction] | None:
+        """Return the interval r'box."""
+        if self.box is None:
+            return None
+        ends = [sorted(Fraction(float(row[i])) * end for end in self.box[i]) for i in np.flatnonzero(row)]
+        if not ends:
+            return Fraction(-1), Fraction(1)
+        return sum((low for low, _ in ends), Fraction(0)), sum((high for _, high in ends), Fraction(0))
+
+
+def groups(channels: Channels, place: Place | None = None) -> tuple[Group, ...]:
+    """Group channels by argument row, exactly; the row of a group is the row of its first channel, active or not.
+
+    Without a place nothing is shifted and the domain is all of R.
+    """
+    joined: dict[tuple[tuple[int, Fraction], ...], list[tuple[int, Fraction]]] = {}
+    for c, row in enumerate(channels.rows):
+        support = np.flatnonzero(row)
+        size = abs(Fraction(float(row[support[0]]))) if len(support) else Fraction(1)
+        key = tuple((int(i), Fraction(float(row[i])) / size) for i in support)
+        joined.setdefault(key, []).append((c, size))
+    active = np.abs(channels.columns).sum(axis=0) > 0
+    found = []
+    for members in joined.values():
+        first, size = members[0]
+        row = channels.rows[first]
+        present = [(c, s / size) for c, s in members if active[c]]
+        curve = Curve(
+            tuple(channels.functions[c].text for c, _ in present),
+            tuple(factor for _, factor in present),
+            None if place is None else place.domain(row),
+            None if place is None else place.shift(row),
+        )
+        found.append(Group(row, tuple(c for c, _ in present), tuple(c for c, _ in members), curve))
+    return tuple(found)
+
+
+def _samples(curve: Curve, count: int, slopes: bool) -> Float[ndarray, "N d"]:
+    """Sample sign(y) phi(y), or the slopes phi'(y), at `count` points on either side of 0, densely in log |y|."""
+    low, high = (1e8, 1e8) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
+    sides = []
+    for sign, end in ((1.0, high), (-1.0, low)):
+        for _ in range(2):  # the second time up to where the values of the first grew too large
+            y = sign * np.geomspace(min(1e-3, 1e-3 * end), end, count)
+            with np.errstate(all="ignore"):
+                phi = curve.slopes(y) if slopes else sign * curve.values(y)
+            usable = np.max(np.abs(phi), axis=1) < LARGEST_VALUE
+            if usable.all() or not usable[0]:
+                break
+            end = abs(float(y[np.flatnonzero(usable)[-1]]))
+        sides.append(phi[usable])
+    return np.vstack(sides)
+
+
+@lru_cache(maxsize=512)
+def sizes(curve: Curve) -> Float[ndarray, " d"]:
+    """Return the size of each entry of phi at |y| = 1 (or at the end of a smaller domain): powers of two."""
+    end = 1.0 if curve.domain is None else min(1.0, -float(curve.domain[0]), float(curve.domain[1]))
+    value = np.abs(curve.values(np.array([-end, end]))).max(axis=0) / end
+    return np.exp2(np.round(np.log2(np.where((value > 0) & np.isfinite(value), value, 1.0))))
+
+
+def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
+    """Return inward unit normals of the facets of the conic hull of the rows of V (unit vectors in a half space)."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    d = V.shape[1]
+    if d == 1:
+        return np.ones((1, 1))
+    centre = _interior(V)
+    depth = V @ centre
+    if not depth.min() > 0:
+        return np.zeros((0, d))
+    section = np.linalg.svd(centre[None])[2][
+        1:
+    ]  # cut the cone by the plane centre'v = 1: a convex body of dimension d - 1
+    points = (V / depth[:, None]) @ section.T
+    if d == 2:
+        ends = np.array([points.max(), points.min()])
+        normals = np.stack([ends[0] * centre - section[0], section[0] - ends[1] * centre])
+    else:
+        try:
+            hull = ConvexHull(points)
+        except QhullError:
+            hull = ConvexHull(points, qhull_options="QJ")
+        normals = -(hull.equations[:, :-1] @ section + hull.equations[:, -1:] * centre)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _interior(V: ndarray) -> ndarray:
+    """Return a unit vector c that makes min V c largest: the deepest form of the dual cone (a small linear program)."""
+    from scipy.optimize import linprog
+
+    N, d = V.shape
+    if not N:
+        return np.zeros(d)
+    result = linprog(
+        np.append(np.zeros(d), -1.0),
+        A_ub=np.hstack([-V, np.ones((N, 1))]),
+        b_ub=np.zeros(N),
+        bounds=[(-1, 1)] * d + [(None, 1)],
+    )
+    c = V.mean(axis=0) if result.x is None else np.asarray(result.x)[:d]
+    return c / max(float(np.linalg.norm(c)), 1e-300)
+
+
+def _spread(L: ndarray, count: int) -> ndarray:
+    """Order rows so that each next one is farthest from those before it; keep the first `count`."""
+    chosen = [int(np.argmin(L @ L.mean(axis=0)))]
+    distance = 1 - L @ L[chosen[0]]
+    while len(chosen) < min(count, len(L)) and distance.max() > 1e-9:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, 1 - L @ L[chosen[-1]])
+    return L[chosen]
+
+
+@lru_cache(maxsize=512)
+def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return candidate sector forms of a curve, dyadic and relaxed, the most different ones first; not yet proved."""
+    return _relaxed_facets(curve, POOL_SIZE, slopes=False)
+
+
+@lru_cache(maxsize=512)
+def nondecreasing_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return candidate nondecreasing forms: facets of the conic hull of the slopes phi'(y).
+
+    They are sector forms under every shift, and their integral is at most y l'phi(y).
+    """
+    return _relaxed_facets(curve, POOL_SIZE // 3, slopes=True)
+
+
+@lru_cache(maxsize=512)
+def axes(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return the functions of a curve, and y, that look like sector functions themselves: the paper's only forms."""
+    samples = _samples(curve, FINE_SAMPLES, False)
+    return tuple(tuple(row) for row in np.eye(curve.size)[(samples >= 0).all(axis=0)].tolist())
+
+
+def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[float, ...], ...]:
+    unit = sizes(curve)
+    samples = HULL_SAMPLES[min(curve.size, 6)], FINE_SAMPLES
+    V, fine = (_directions(_samples(curve, number, slopes) / unit) for number in samples)
+    deepest = _interior(V)
+    depth = fine @ deepest
+    if not len(V) or depth.min() <= 0:
+        return ()
+    L = _spread(_facets(V), count)
+    lack = np.max(-(fine @ L.T) / depth[:, None], axis=0, initial=0.0)  # between samples a facet may cut the curve
+    L = L + (1.25 * lack + (LOOSE if slopes else RELAXATION))[:, None] * deepest
+    L = np.round(L / ROUNDING) * ROUNDING
+    sparse = np.where(np.abs(L) < 16 * RELAXATION, 0.0, L)
+    L = np.where(np.min(fine @ sparse.T, axis=0)[:, None] >= 0, sparse, L)  # x**3 rather than x**3 + 1e-4 x
+    L = L[(fine @ L.T >= 0).all(axis=0)]
+    return tuple(tuple(float(c) for c in row) for row in np.unique(L, axis=0)[_first_seen(L)] / unit)
+
+
+def _directions(V: ndarray) -> ndarray:
+    return V / np.linalg.norm(V, axis=1, keepdims=True)
+
+
+def _first_seen(L: ndarray) -> ndarray:
+    """Return the indices into np.unique's rows that restore the order of first appearance."""
+    return np.argsort(np.unique(L, axis=0, return_index=True)[1])

@@ -1,0 +1,243 @@
+"""Trajectories: sampled runs of a system, never paired across their ends."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, SupportsIndex, overload
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.errors import DataError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One run: times in s, states and inputs, row k of each belonging to time t[k].
+
+    Under a zero-order hold u[k] acts from t[k] to t[k+1]; the last one is unused. `diverged_at` is the time in s at
+    which a simulated run left the range of representable states, None when it did not; `stopped_at` the time at which
+    its budget of computation was used up with the state still bounded (a model that is too fast or too stiff).
+    """
+
+    t: Float[ndarray, " N"]
+    x: Float[ndarray, "N n"]
+    u: Float[ndarray, "N m"]
+    diverged_at: float | None = None
+    stopped_at: float | None = None
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self)} samples, {self.x.shape[1]} states, {self.u.shape[1]} inputs"
+        return f"Trajectory({sizes}, t = {self.t[0]:g} ... {self.t[-1]:g} s)" if len(self) else f"Trajectory({sizes})"
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, rows: slice) -> "Trajectory":
+        """Return the consecutive samples of a slice as a run of their own."""
+        return Trajectory(self.t[rows], self.x[rows], self.u[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories(Sequence[Trajectory]):
+    """A sequence of runs of one system, with the names of its states and inputs and the repairs made while reading."""
+
+    runs: tuple[Trajectory, ...]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        return f"Trajectories({len(self)} runs, {self.samples} samples, states {self.states}, inputs {self.inputs})"
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __iter__(self) -> Iterator[Trajectory]:
+        return iter(self.runs)
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Trajectory: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Trajectories": ...
+    def __getitem__(self, index: SupportsIndex | slice) -> "Trajectory | Trajectories":
+        if isinstance(index, slice):
+            return Trajectories(self.runs[index], self.states, self.inputs, self.notes)
+        return self.runs[index]
+
+    def __post_init__(self) -> None:
+        if not self.runs:
+            raise DataError("no trajectory was given; at least one run of two samples is needed")
+        if {(run.x.shape[1], run.u.shape[1]) for run in self.runs} != {(len(self.states), len(self.inputs))}:
+            raise DataError(f"every run needs {len(self.states)} states and {len(self.inputs)} inputs, as named")
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in all runs together."""
+        return sum(len(run) for run in self.runs)
+
+    def split(self, k: int) -> "Trajectories":
+        """Cut every run into k consecutive runs of about equal length, so that cross-validation has runs to leave out.
+
+        Raises:
+            DataError: a run has fewer than 2 k samples.
+        """
+        shortest = min(len(run) for run in self.runs)
+        if k < 1 or shortest < 2 * k:
+            raise DataError(
+                f"split({k}) needs k >= 1 and runs of at least {2 * k} samples; the shortest has {shortest}"
+            )
+        pieces = []
+        for run in self.runs:
+            ends = np.linspace(0, len(run), k + 1).astype(int)
+            pieces += [run[a:b] for a, b in pairwise(ends)]
+        return Trajectories(tuple(pieces), self.states, self.inputs, self.notes)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        x: Any,
+        u: Any = None,
+        *,
+        t: Any = None,
+        dt: float | int | None = None,
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] | None = None,
+    ) -> "Trajectories":
+        """Return the trajectories of arrays x (N, n), u (N, m), t (N,) in s or a step dt in s; lists mean several runs.
+
+        Raises:
+            DataError: shapes do not fit, a number is not finite, or times do not increase; the message says which.
+        """
+        many = isinstance(x, list | tuple) and len(x) > 0 and np.ndim(x[0]) >= 1 and _is_run(x[0])
+        xs, us, ts = (value if many else [value] for value in (x, u, t))
+        us, ts = ([None] * len(xs) if value is None else list(value) for value in (us, ts))
+        if not len(xs) == len(us) == len(ts):
+            raise DataError(f"x has {len(xs)} runs, u {len(us)} and t {len(ts)}; give one of each for every run")
+        runs = tuple(_run(f"run {i + 1}", *parts, dt) for i, parts in enumerate(zip(xs, us, ts, strict=True)))
+        n, m = runs[0].x.shape[1], runs[0].u.shape[1] if runs else 0
+        return cls(runs, _names("states", states, "x", n), _names("inputs", inputs, "u", m))
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: "DataFrame | Sequence[DataFrame]",
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] = (),
+        *,
+        time: str | None = None,
+        dt: float | int | None = None,
+    ) -> "Trajectories":
+        """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time in s).
+
+        Time is the column `time`, or the step `dt` in s, or a column or index named t or time. `states` defaults to
+        all columns that are neither inputs nor time.
+
+        Raises:
+            DataError: as for `persid.read_csv`, naming row and column.
+        """
+        from persid.measurements.frames import trajectories_of_frames
+
+        return trajectories_of_frames(frame, states, inputs, time, dt)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return one table of states and inputs with the index (run, t), t in s; `from_dataframe` reads it back."""
+        from persid.measurements.frames import to_dataframe
+
+        return to_dataframe(self)
+
+    @classmethod
+    def from_xarray(
+        cls,
+        dataset: "Dataset",
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] = (),
+        *,
+        time: str | None = None,
+        run: str | None = None,
+    ) -> "Trajectories":
+        """Return the trajectories of an xarray.Dataset with one variable a state and input.
+
+        `time` names the dimension whose coordinates are times in s (default: the one named t or time), `run` the
+        dimension of the runs where there are several. Then times at which a run holds no number at all are left out,
+        and noted: runs of different times are filled up with them.
+
+        Raises:
+            DataError: dimensions or variables do not fit, or as for `persid.read_csv`.
+            ImportError: xarray is not installed.
+        """
+        from persid.measurements.frames import from_xarray
+
+        return from_xarray(dataset, states, inputs, time, run)
+
+    def to_xarray(self) -> "Dataset":
+        """Return an xarray.Dataset over (run, t), t in s; where the runs have different times, the rest is NaN.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        from persid.measurements.frames import to_xarray
+
+        return to_xarray(self)
+
+
+def _is_run(value: Any) -> bool:
+    return getattr(value, "ndim", None) == 2 or (isinstance(value, list) and np.ndim(value) == 2)
+
+
+def _run(where: str, x: Any, u: Any, t: Any, dt: float | int | None) -> Trajectory:
+    x = _numbers(where, "x", x)
+    if x.ndim != 2 or len(x) < 2:
+        raise DataError(f"{where}: x has shape {x.shape}; needed is (N, n) with at least two samples, one a row")
+    u = np.zeros((len(x), 0)) if u is None else _numbers(where, "u", u)
+    u = u[:, None] if u.ndim == 1 else u
+    if u.ndim != 2 or len(u) != len(x):
+        hint = "give one input per state sample (the last one is unused)"
+        raise DataError(f"{where}: u has {len(u)} rows but x has {len(x)}; {hint}")
+    return Trajectory(sample_times(where, t, dt, len(x)), x, u)
+
+
+def sample_times(where: str, t: Any, dt: float | int | None, count: int) -> Float[ndarray, " N"]:
+    """Return the sample times in s, given or k dt; raise DataError unless they increase."""
+    if (t is None) == (dt is None):
+        raise DataError(f"{where}: give either the times t or the step dt, in s")
+    if dt is not None:
+        if not (np.isfinite(dt) and dt > 0):
+            raise DataError(f"{where}: dt = {dt}; needed is a positive step in s")
+        return np.arange(count) * float(dt)
+    t = _numbers(where, "t", t)
+    if t.shape != (count,):
+        raise DataError(f"{where}: t has shape {t.shape} but there are {count} samples; give one time per sample")
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        k = int(back[0])
+        what = "is repeated" if t[k + 1] == t[k] else f"comes before {t[k]!r}"
+        raise DataError(f"{where}: sample {k + 1} has time {float(t[k + 1])!r}, which {what}; times in s must increase")
+    return t
+
+
+def _numbers(where: str, name: str, value: Any) -> ndarray:
+    try:
+        if np.iscomplexobj(value):
+            raise TypeError
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"{where}: {name} is not an array of real numbers") from None
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        place = ", ".join(str(int(k)) for k in bad[0])
+        raise DataError(f"{where}: {name}[{place}] is {array[tuple(bad[0])]}; every number must be finite")
+    array.setflags(write=False)
+    return array
+
+
+def _names(what: str, names: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
+    names = [f"{letter}{i + 1}" for i in range(count)] if names is None else list(names)
+    if len(names) != count or len(set(names)) != count:
+        raise DataError(f"{what} needs {count} different names, not {names}")
+    return tuple(str(name) for name in names)

@@ -1,0 +1,110 @@
+"""Expressions in other algebras: a postfix program is run once with SymPy's, CasADi's or Numba's meaning of every word.
+
+Nothing here reads text: what reaches another library is built from the instructions of a parsed expression.
+"""
+
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from persid._libraries import library
+from persid_check.expression import Program
+
+if TYPE_CHECKING:
+    from persid.models.model import PersidskiiModel
+
+_ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
+
+
+@dataclass(frozen=True)
+class Algebra:
+    """What the words of the grammar mean for values of another library."""
+
+    number: Callable[[Fraction], Any]
+    power: Callable[[Any, Fraction], Any]
+    binary: Mapping[str, Callable[[Any, Any], Any]]
+    unary: Mapping[str, Callable[[Any], Any]]
+
+    def value(self, program: Program, x: Any) -> Any:
+        """Return the value of an expression at x."""
+        stack: list[Any] = []
+        for step in program:
+            if step.name == "x":
+                stack.append(x)
+            elif step.name == "number":
+                stack.append(self.number(step.value or Fraction(0)))
+            elif step.name == "**":
+                stack.append(self.power(stack.pop(), step.value or Fraction(0)))
+            elif step.name in self.binary:
+                right, left = stack.pop(), stack.pop()
+                stack.append(self.binary[step.name](left, right))
+            else:
+                stack.append(self.unary[step.name](stack.pop()))
+        return stack.pop()
+
+
+def right_side(model: "PersidskiiModel", x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
+    """Return A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)) + B (u - u_ref) + b as a column of another library.
+
+    Paper: eq:main_system_Per. `matrix` makes a library's matrix of an array (or list of rows); x and u are columns.
+    """
+    channels = model.channels
+    dx = x - matrix(model.x_ref[:, None])
+    dot = matrix(channels.A0) @ dx + matrix(model.b[:, None])
+    if channels.functions:
+        arguments = matrix(channels.rows) @ dx
+        dot += matrix(channels.columns) @ matrix(
+            [[algebra.value(f.program, arguments[c])] for c, f in enumerate(channels.functions)]
+        )
+    return dot + matrix(model.B) @ (u - matrix(model.u_ref[:, None])) if model.m else dot
+
+
+def sympy_algebra(exact: bool) -> Algebra:
+    """Return the algebra of SymPy expressions; a number is a Rational, or a Float of the same 53 bits."""
+    sympy = library("sympy", "interop")
+
+    def number(value: Fraction) -> Any:
+        if exact or value.denominator == 1:
+            return sympy.Rational(value.numerator, value.denominator)
+        return sympy.Float(float(value))
+
+    return Algebra(
+        number=number,
+        power=lambda base, exponent: base ** sympy.Rational(exponent.numerator, exponent.denominator),
+        binary=_ARITHMETIC,
+        unary={
+            name: getattr(sympy, name) for name in ("sqrt", "exp", "sin", "cos", "tan", "sinh", "cosh", "tanh", "erf")
+        }
+        | {"neg": operator.neg, "abs": sympy.Abs, "arcsinh": sympy.asinh, "arctan": sympy.atan}
+        | {"log1p": lambda y: sympy.log(1 + y), "expm1": lambda y: sympy.exp(y) - 1}
+        | {"softplus": lambda y: sympy.log(1 + sympy.exp(y))}
+        | _clipped(sympy.Abs, sympy.Max, sympy.Min),
+    )
+
+
+def casadi_algebra() -> Algebra:
+    """Return the algebra of CasADi's scalar expressions."""
+    casadi = library("casadi", "interop")
+    names = ("sqrt", "exp", "log1p", "expm1", "sin", "cos", "tan", "sinh", "cosh", "tanh", "arcsinh", "arctan", "erf")
+
+    return Algebra(
+        number=float,
+        power=lambda base, exponent: base ** float(exponent),
+        binary=_ARITHMETIC,
+        unary={name: getattr(casadi, name) for name in names}
+        | {"neg": operator.neg, "abs": casadi.fabs}
+        | {"softplus": lambda y: casadi.fmax(y, 0) + casadi.log1p(casadi.exp(-casadi.fabs(y)))}
+        | _clipped(casadi.fabs, casadi.fmax, casadi.fmin),
+    )
+
+
+def _clipped(absolute: Callable, maximum: Callable, minimum: Callable) -> dict[str, Callable[[Any], Any]]:
+    """Return the piecewise functions, which libraries do not have, by what they have."""
+    return {
+        "softsign": lambda y: y / (1 + absolute(y)),
+        "relu": lambda y: maximum(y, 0),
+        "sat": lambda y: minimum(maximum(y, -1), 1),
+        "deadzone": lambda y: y - minimum(maximum(y, -1), 1),
+    }

@@ -1,0 +1,156 @@
+"""Integration of a model between samples: quiet, restarted where a held input jumps, stopped at a divergence.
+
+Two ends are told apart. A run *diverges* when its state leaves all bounds, or moves infinitely fast for what times can
+resolve. It is *stopped* when it has used up its budget with the state still bounded: the model is too fast or too stiff
+to be followed, which says nothing about its stability.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.integrate import LSODA, RK45
+
+from persid.measurements.trajectories import Trajectory
+from persid.models.drift import drift
+
+if TYPE_CHECKING:
+    from persid.models.model import PersidskiiModel
+
+STATE_CAP = 1e6  # a state beyond this many times the size of its start has diverged
+HUGE = 1e140  # right sides are cut off here: LSODA squares them, and overflows would end in NaN
+STIFF = 40  # explicit steps in one sample interval after which an implicit method takes over
+BUDGET = 500_000  # evaluations of the right side that every run may take: some 7 s
+BUDGET_PER_SAMPLE = 500  # and these for every sample; stiff models with white inputs take about 150
+STANDSTILL = 10_000  # steps in a row, each too short to be added to t, after which a run is stopped
+
+
+@dataclass(frozen=True)
+class End:
+    """Why and when, in s, a run ended before its last sample; both None where it did not."""
+
+    diverged_at: float | None = None
+    stopped_at: float | None = None
+
+    @property
+    def early(self) -> bool:
+        """Whether the run ended before its last sample."""
+        return self != End()
+
+
+def integrate(
+    model: "PersidskiiModel", x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
+) -> Trajectory:
+    """Return the run from x0 sampled at t; see `PersidskiiModel.simulate`."""
+    size = 1 + float(np.abs(x0).max() + np.abs(model.x_ref).max())
+    solver = _Solver(model, size, rtol, atol, BUDGET + BUDGET_PER_SAMPLE * len(t))
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # a solver's complaint becomes `diverged_at`
+        if u is None or callable(u):
+            at = u if callable(u) else (lambda _: model.u_ref)
+            held = np.array([np.reshape(np.asarray(at(s), float), model.m) for s in t]).reshape(len(t), model.m)
+            forcing = (lambda s: solver.forcing(np.reshape(np.asarray(at(s), float), model.m))) if callable(u) else None
+            constant = solver.forcing(model.u_ref)
+            states, end = solver.span(x0, t, forcing or (lambda _: constant))
+        else:
+            held = u
+            states, end = _held(solver, x0, t, u)
+    return Trajectory(t[: len(states)], states, held[: len(states)], **asdict(end))
+
+
+def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarray, End]:
+    """Go from jump to jump of the input; an input that stays is integrated in one go."""
+    jumps = np.flatnonzero((np.diff(u[:-1], axis=0) != 0).any(axis=1)) + 1
+    states, end = [x0[None]], End()
+    for a, b in pairwise([0, *jumps.tolist(), len(t) - 1]):
+        force = solver.forcing(u[a])
+        if b - a > 1:
+            found, end = solver.span(states[-1][-1], t[a : b + 1], partial(_constant, force))
+        else:
+            found, end = solver.step(states[-1][-1], float(t[a]), float(t[b]), force)
+        states.append(found[1:])
+        if end.early:
+            break
+    return np.concatenate(states), end
+
+
+def _constant(force: ndarray, _: float) -> ndarray:
+    return force
+
+
+class _Solver:
+    """The model's right side with its fixed parts prepared, what is left of the budget, and the step size carried over
+    restarts."""
+
+    def __init__(self, model: "PersidskiiModel", size: float, rtol: float, atol: float, budget: int) -> None:
+        self.model, self.rtol, self.atol = model, rtol, atol
+        self.cap, self.budget = STATE_CAP * size, budget
+        self.explicit: RK45 | None = None
+        self.force: ndarray | None = None
+        self.stiff = False
+        self.dot = drift(model)
+
+    def forcing(self, u: ndarray) -> ndarray:
+        """Return B (u - u_ref) + b."""
+        return self.model.B @ (u - self.model.u_ref) + self.model.b
+
+    def drift(self, x: ndarray) -> ndarray:
+        """Return x' without the forcing, and charge the budget for it."""
+        self.budget -= 1
+        return self.dot(x)
+
+    def step(self, x: ndarray, start: float, stop: float, force: ndarray) -> tuple[ndarray, End]:
+        """Cross one sample interval by Dormand-Prince steps; hand over to an implicit method where it is stiff."""
+        if not self.stiff:
+            solver = self._restarted(x, start, stop, force)
+            for _ in range(STIFF):
+                solver.step()
+                if not np.abs(solver.y).max() < self.cap:
+                    return x[None], End(diverged_at=float(solver.t))
+                if solver.status == "finished":
+                    return np.array([x, solver.y]), End()
+                if solver.status == "failed":  # steps shorter than times resolve: stiff, or a divergence
+                    break
+            self.stiff = True
+        return self.span(x, np.array([start, stop]), partial(_constant, force))
+
+    def _restarted(self, x: ndarray, start: float, stop: float, force: ndarray) -> RK45:
+        """Return the explicit solver at the start of an interval; the step size found before it is kept."""
+        self.force = force
+        if self.explicit is None:
+            self.explicit = RK45(
+                lambda _, y: self.drift(y) + self.force, start, x, stop, rtol=self.rtol, atol=self.atol
+            )
+            return self.explicit
+        solver = self.explicit
+        solver.t, solver.t_old, solver.t_bound, solver.status = start, start, stop, "running"
+        solver.y, solver.f = x, solver.fun(start, x)
+        return solver
+
+    def span(self, x: ndarray, t: ndarray, force: Callable[[float], ndarray]) -> tuple[ndarray, End]:
+        """Integrate over t, where the input does not jump; return the states at t up to an early end, and that end."""
+
+        def rate(s: float, y: ndarray) -> ndarray:
+            return np.clip(self.drift(y) + force(s), -HUGE, HUGE)
+
+        solver = LSODA(rate, t[0], x, t[-1], rtol=self.rtol, atol=self.atol)
+        states, k, still = [x[None]], 1, 0
+        while k < len(t):
+            before = solver.t
+            solver.step()
+            still = still + 1 if solver.t == before else 0
+            if not np.abs(solver.y).max() < self.cap or (still and np.abs(rate(before, solver.y)).max() >= HUGE):
+                return np.concatenate(states), End(diverged_at=float(solver.t))
+            if solver.status == "failed" or still >= STANDSTILL or self.budget <= 0:
+                return np.concatenate(states), End(stopped_at=float(solver.t))
+            reached = int(np.searchsorted(t, solver.t, side="right"))
+            if reached > k:
+                states.append(solver.dense_output()(t[k:reached]).T)
+                k = reached
+        return np.concatenate(states), End()

@@ -1,0 +1,408 @@
+"""PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.sparse import csc_array
+
+import persid_check
+from persid._files import write_atomically
+from persid.errors import ModelError
+from persid.measurements.trajectories import Trajectories
+from persid.models import sparse as columns
+from persid.models.channels import Channels, Term
+from persid.models.functions import ScalarFunction, scalar_function
+from persid.models.sparse import Sparse
+
+FORMAT = "persid-model-1"
+
+DENSE_ENTRIES = 20_000_000  # numbers that a sparse model may take when its matrices are filled in
+
+Input = Any  # (N, m) samples, held; or a function of t; or None for u_ref
+
+
+@dataclass(frozen=True, eq=False)
+class PersidskiiModel:
+    """A generalized Persidskii model in the user's units; time in s.
+
+    Paper: eq:main_system_Per, eq:change_variable_P_system.
+
+    Matrices of a large network (A0, each A and R, B) may be SciPy sparse ones; they are kept as `csc_array`.
+    `domain` is the box of the data, one (lo, hi) per state, or None; `provenance` is never used in a proof.
+
+    Raises:
+        ModelError: shapes do not fit, a number is not finite, or a function is not of the grammar.
+    """
+
+    A0: Float[ndarray, "n n"] | Sparse
+    terms: tuple[Term, ...]
+    B: Float[ndarray, "n m"] | Sparse
+    b: Float[ndarray, " n"]
+    x_ref: Float[ndarray, " n"]
+    u_ref: Float[ndarray, " m"]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    domain: Float[ndarray, "n 2"] | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        A0: Any = None,
+        terms: Sequence[Any] = (),
+        B: Any = None,
+        b: Any = None,
+        x_ref: Any = None,
+        u_ref: Any = None,
+        *,
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] | None = None,
+        domain: Any = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        n = _dimension(A0, terms, B)
+        sparse = any(columns.is_sparse(part) for term in terms for part in _matrices(term))
+        A0 = (csc_array((n, n)) if sparse else np.zeros((n, n))) if A0 is None else A0
+        A0 = _matrix("A0", A0, (n, n))
+        B = _matrix("B", np.zeros((n, 0)) if B is None else B, (n, None))
+        m = B.shape[1]
+        values = {
+            "A0": A0,
+            "terms": tuple(_term(i, term, n) for i, term in enumerate(terms)),
+            "B": B,
+            "b": _array("b", np.zeros(n) if b is None else b, (n,)),
+            "x_ref": _array("x_ref", np.zeros(n) if x_ref is None else x_ref, (n,)),
+            "u_ref": _array("u_ref", np.zeros(m) if u_ref is None else u_ref, (m,)),
+            "states": _names("states", states, n) if states else tuple(f"x{i + 1}" for i in range(n)),
+            "inputs": _names("inputs", inputs or [f"u{i + 1}" for i in range(m)], m),
+            "domain": None if domain is None else _array("domain", domain, (n, 2)),
+            "provenance": dict(provenance or {}),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _repr_html_(self) -> str:
+        from persid.models.tables import of_model
+
+        return of_model(self)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Number of inputs."""
+        return len(self.inputs)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether a matrix is a sparse one."""
+        found = [self.A0, self.B, *(part for term in self.terms for part in (term.A, term.R))]
+        return any(columns.is_sparse(part) for part in found)
+
+    def dense(self) -> "PersidskiiModel":
+        """Return the model with its matrices filled in; itself where it has no sparse ones.
+
+        Raises:
+            ModelError: they are too large to be filled in.
+        """
+        if not self.is_sparse:
+            return self
+        size = self.n * (self.n + sum(len(term.f) * (1 + (term.R is not None)) for term in self.terms))
+        if size > DENSE_ENTRIES:
+            raise ModelError(f"{self.n} states are too many for matrices that are not sparse; certify works on them")
+        terms = [(list(term.f), _filled(term.R), _filled(term.A)) for term in self.terms]
+        kept = {name: getattr(self, name) for name in ("b", "x_ref", "u_ref", "states", "inputs", "domain")}
+        return PersidskiiModel(_filled(self.A0), terms, _filled(self.B), **kept, provenance=self.provenance)
+
+    @cached_property
+    def channels(self) -> Channels:
+        """The scalar channels, in the order of the terms; terms with f = x are merged into A0."""
+        if self.is_sparse:
+            return self.dense().channels
+        A0, rows, columns, functions = self.A0.copy(), [], [], []
+        for term in self.terms:
+            R = np.eye(self.n) if term.R is None else term.R
+            linear = np.array([f.is_linear for f in term.f])
+            A0 += term.A[:, linear] @ R[linear]
+            rows.append(R[~linear])
+            columns.append(term.A[:, ~linear])
+            functions += [f for f in term.f if not f.is_linear]
+        empty = np.zeros((0, self.n))
+        return Channels(A0, np.vstack([empty, *rows]), np.hstack([empty.T, *columns]), tuple(functions))
+
+    def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N n"]:
+        """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref."""
+        dx = np.asarray(x, float) - self.x_ref
+        dot = dx @ self.A0.T + self.b
+        for term in self.terms:
+            dot = dot + term.values(dx) @ term.A.T
+        return dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T
+
+    def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"] | Sparse:
+        """Return the matrix of derivatives of x' by x at one state, in 1/s; a sparse one for a sparse model."""
+        dx = np.asarray(x, float) - self.x_ref
+        J: Any = self.A0.copy()
+        for term in self.terms:
+            scaled = term.A * term.derivatives(dx)
+            J = J + (scaled if term.R is None else scaled @ term.R)
+        if self.is_sparse:
+            J = csc_array(J)
+        return J
+
+    def simulate(
+        self, x0: Any, t: Float[ndarray, " N"], u: Input = None, *, rtol: float = 1e-8, atol: float = 1e-10
+    ) -> Trajectories:
+        """Integrate from x0 and sample at the times t (s); a run that diverges ends there, with `diverged_at` set.
+
+        A model that is too fast or too stiff to be followed ends with `stopped_at` set; nothing follows from that.
+
+        u is (N, m), held from each sample to the next, or a function of t, or None for u_ref.
+
+        Raises:
+            ModelError: x0, t or u has the wrong shape.
+        """
+        from persid.models.integration import integrate
+
+        if self.is_sparse:
+            return self.dense().simulate(x0, t, u, rtol=rtol, atol=atol)
+        x0 = _array("x0", x0, (self.n,))
+        t = np.array(t, float)
+        if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
+            raise ModelError("t needs at least two strictly increasing times in s")
+        if not (u is None or callable(u)):
+            u = np.asarray(u, float)
+            u = _array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
+        return Trajectories((integrate(self, x0, t, u, rtol, atol),), self.states, self.inputs)
+
+    def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
+        """Return rhs(t, x, u=None), x' for one state (n,) and input (m,), u = None meaning u_ref, for SciPy's solvers.
+
+        With `jit` it is a Numba function, compiled at its first call (about 1 s), that other Numba code may call.
+
+        Raises:
+            ImportError: `jit` without Numba; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import to_callable
+
+        return to_callable(self, jit)
+
+    def to_control(self, name: str | None = None) -> Any:
+        """Return a continuous-time control.NonlinearIOSystem with the model's names; its outputs are the states.
+
+        Raises:
+            ImportError: python-control is not installed; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import to_control
+
+        return to_control(self, name)
+
+    def to_sympy(self, exact: bool = False) -> Any:
+        """Return x' as a sympy.Matrix (n, 1) in symbols named like the states and inputs.
+
+        Numbers are SymPy Floats of the same 53 bits, or with `exact` the rational numbers that the binary64 are.
+
+        Raises:
+            ImportError: SymPy is not installed; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import to_sympy
+
+        return to_sympy(self, exact)
+
+    def to_latex(self, digits: int = 4) -> str:
+        """Return the equations as one `aligned` environment, numbers rounded to so many significant digits."""
+        from persid.models.exports.libraries import to_latex
+
+        return to_latex(self, digits)
+
+    def to_casadi(self, name: str = "rhs") -> Any:
+        """Return a casadi.Function (x, u) -> x_dot of scalar expressions (SX), to differentiate and optimise with.
+
+        Raises:
+            ImportError: CasADi is not installed; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import to_casadi
+
+        return to_casadi(self, name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as the object of `model.json`."""
+        return {
+            "format": FORMAT,
+            "states": list(self.states),
+            "inputs": list(self.inputs),
+            "x_ref": self.x_ref.tolist(),
+            "u_ref": self.u_ref.tolist(),
+            "A0": _listed(self.A0),
+            "terms": [_term_dict(term) for term in self.terms],
+            "B": _listed(self.B),
+            "b": self.b.tolist(),
+            "domain": None if self.domain is None else self.domain.tolist(),
+            "provenance": self.provenance,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Any, folder: Path | None = None) -> "PersidskiiModel":
+        """Return the model of an object such as `model.json` holds; unknown fields are refused.
+
+        `folder` is where companions of sparse matrices stand.
+        """
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise ModelError(f'a model has "format": "{FORMAT}"')
+        unknown = set(data) - set(_FIELDS)
+        if unknown:
+            raise ModelError(f"unknown field {sorted(unknown)[0]!r}; known: {', '.join(_FIELDS)}")
+        missing = {"states", "B", "terms"} - set(data)
+        if missing:
+            raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
+        if persid_check.sparse.is_sparse(data):
+            return cls(**columns.load(data, folder))
+        _check_kinds(data)
+        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
+        n, m = len(data["states"]), len(data.get("inputs") or [])
+        values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
+        values["A0"] = np.zeros((n, n)) if values["A0"] is None else values["A0"]
+        return cls(**values)
+
+    def save(self, path: str | Path) -> None:
+        """Write `model.json`: reading it gives the same binary64 numbers back. Written beside, then renamed.
+
+        The arrays of a large sparse model go to a companion of the same stem, .npz.
+        """
+        large = self.is_sparse and self.n > columns.FILLED_STATES
+        content = columns.save(self, Path(path)) if large else self.to_dict()
+        write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
+        if self.is_sparse and self.n > columns.FILLED_STATES:
+            return persid_check.model.sha256_of(columns.exact(self).form())
+        return persid_check.model_sha256(self.to_dict())
+
+
+_FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")
+
+
+def load_model(path: str | Path) -> PersidskiiModel:
+    """Read a model from `model.json`.
+
+    Raises:
+        ModelError: the file is not JSON, or not a model.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        return PersidskiiModel.from_dict(data, Path(path).parent)
+    except (ModelError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ModelError(f"{path}: {error}") from None
+
+
+def _check_kinds(data: Mapping[str, Any]) -> None:
+    """Refuse names that are no list of texts, terms that are no objects, and functions that are no texts."""
+    for name in ("states", "inputs"):
+        given = data.get(name)
+        if not (_are_texts(given) or (given is None and name == "inputs")):
+            raise ModelError(f"{name} is {str(data.get(name))[:60]}; needed is a list of names")
+    if not isinstance(data["terms"], list | tuple):
+        raise ModelError("terms is no list of objects with f, R and A")
+    for i, term in enumerate(data["terms"]):
+        if not isinstance(term, Mapping) or {"f", "A"} - set(term):
+            raise ModelError(f"terms[{i}] is no object with f, R and A")
+        if not (isinstance(term["f"], str) or _are_texts(term["f"])):
+            raise ModelError(f"terms[{i}].f is no expression, and no list of them")
+    if not isinstance(data.get("provenance"), Mapping | None):
+        raise ModelError("provenance is no object")
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
+
+
+def _refuse_constant(text: str) -> float:
+    raise ModelError(f"{text} is not a number a model may hold")
+
+
+def _dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
+    for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
+        if candidate is not None and len(shape := _shape(candidate)) == 2:
+            return shape[0]
+    raise ModelError("the number of states is unknown: give A0, B or a term")
+
+
+def _shape(candidate: Any) -> tuple[int, ...]:
+    try:
+        return tuple(int(k) for k in np.shape(candidate))
+    except ValueError:  # rows of different lengths: `_array` names the matrix
+        return ()
+
+
+def _matrices(term: Any) -> tuple[Any, Any]:
+    return (term.A, term.R) if isinstance(term, Term) else (_part(term, "A", 2), _part(term, "R", 1))
+
+
+def _filled(matrix: Any) -> Any:
+    return matrix.toarray() if columns.is_sparse(matrix) else matrix
+
+
+def _listed(matrix: Any) -> Any:
+    return columns.triplets(matrix) if columns.is_sparse(matrix) else matrix.tolist()
+
+
+def _matrix(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
+    return columns.compressed(name, value, shape) if columns.is_sparse(value) else _array(name, value, shape)
+
+
+def _part(term: Any, key: str, place: int) -> Any:
+    return term.get(key) if isinstance(term, Mapping) else term[place]
+
+
+def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise ModelError(f"{name} is not an array of numbers") from None
+    wanted = tuple("m" if k is None else k for k in shape)
+    if array.ndim != len(shape) or any(k is not None and k != size for k, size in zip(shape, array.shape, strict=True)):
+        raise ModelError(f"{name} has shape {array.shape}; needed is {wanted}")
+    if not np.isfinite(array).all():
+        raise ModelError(f"{name} holds a number that is not finite")
+    array.setflags(write=False)
+    return array
+
+
+def _names(what: str, names: Sequence[str], count: int) -> tuple[str, ...]:
+    if len(names) != count or len(set(names)) != count or not all(isinstance(name, str) for name in names):
+        raise ModelError(f"{what} needs {count} different names, not {list(names)}")
+    return tuple(names)
+
+
+def _term(index: int, term: Any, n: int) -> Term:
+    if isinstance(term, Term):
+        term = (list(term.f), term.R, term.A)
+    if isinstance(term, Mapping) and set(term) - {"f", "R", "A"}:
+        raise ModelError(f"terms[{index}] has an unknown field; known: f, R, A")
+    f, R, A = (_part(term, key, place) for place, key in enumerate("fRA"))
+    R = None if R is None else _matrix(f"terms[{index}].R", R, (None, n))
+    k = n if R is None else R.shape[0]
+    names = [f] * k if isinstance(f, str | ScalarFunction) else list(f)
+    known = {name: name if isinstance(name, ScalarFunction) else scalar_function(name) for name in dict.fromkeys(names)}
+    if len(names) != k:
+        raise ModelError(f"terms[{index}].f has {len(names)} functions; needed is one, or one per row of R ({k})")
+    return Term(tuple(known[name] for name in names), R, _matrix(f"terms[{index}].A", A, (n, k)))
+
+
+def _term_dict(term: Term) -> dict[str, Any]:
+    texts = [f.text for f in term.f]
+    return {
+        "f": texts[0] if len(set(texts)) == 1 else texts,
+        "R": None if term.R is None else _listed(term.R),
+        "A": _listed(term.A),
+    }

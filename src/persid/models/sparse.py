@@ -1,0 +1,171 @@
+"""Sparse matrices of large models: compressed columns, and the companion file that holds them beside a JSON file."""
+
+import hashlib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy import ndarray
+from scipy import sparse
+from scipy.sparse import csc_array
+
+from persid._files import write_atomically
+from persid.errors import ModelError
+from persid_check.results import FormatError
+from persid_check.sparse import FILLED_STATES as FILLED_STATES
+from persid_check.sparse import Columns, SparseModel, gathered, read_sparse
+
+if TYPE_CHECKING:
+    from persid.models.model import PersidskiiModel
+
+    Sparse = ndarray  # to the type checker: what works on matrices is given a model with its matrices filled in
+else:
+    Sparse = csc_array
+
+LISTED = 10_000  # entries that a JSON file lists; more go to a companion
+
+Arrays = dict[str, ndarray]
+
+
+def compressed(name: str, value: Any, shape: tuple[int | None, ...]) -> csc_array:
+    """Return a SciPy sparse matrix as canonical compressed columns: sorted, no duplicates, no zeros.
+
+    Raises:
+        ModelError: it has another shape, or a number is not finite.
+    """
+    if any(k is not None and k != size for k, size in zip(shape, value.shape, strict=True)):
+        raise ModelError(f"{name} has shape {value.shape}; needed is {tuple('m' if k is None else k for k in shape)}")
+    matrix = csc_array(value, dtype=float, copy=True)
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    if not np.isfinite(matrix.data).all():
+        raise ModelError(f"{name} holds a number that is not finite")
+    for part in (matrix.data, matrix.indices, matrix.indptr):
+        part.setflags(write=False)
+    return matrix
+
+
+def triplets(matrix: csc_array) -> dict[str, Any]:
+    """Return a sparse matrix as `model.json` lists it."""
+    found = matrix.tocoo()
+    return {"shape": list(matrix.shape), "coo": [found.row.tolist(), found.col.tolist(), found.data.tolist()]}
+
+
+def arrays_of(model: "PersidskiiModel") -> tuple[dict[str, Any], Arrays]:
+    """Return a model's object with only the shapes of its matrices, and their arrays by their names in a companion."""
+    matrices = {"A0": model.A0, "B": model.B}
+    matrices |= {f"terms.{t}.A": term.A for t, term in enumerate(model.terms)}
+    matrices |= {f"terms.{t}.R": term.R for t, term in enumerate(model.terms) if term.R is not None}
+    arrays: Arrays = {}
+    for name, matrix in matrices.items():
+        arrays |= _parts(name, csc_array(matrix))
+    arrays |= {name: getattr(model, name) for name in ("x_ref", "b") if getattr(model, name).any()}
+    if model.domain is not None:
+        arrays["domain"] = model.domain.ravel()
+    default = model.states == tuple(f"x{i + 1}" for i in range(model.n))
+    return {
+        "format": "persid-model-1",
+        "states": model.n if default else list(model.states),
+        "inputs": list(model.inputs),
+        "u_ref": model.u_ref.tolist(),
+        **{name: _shape(name, matrices, arrays) for name in ("A0", "B")},
+        "terms": [_term(t, term, matrices, arrays) for t, term in enumerate(model.terms)],
+        **{name: {"shape": list(getattr(model, name).shape)} for name in ("x_ref", "b", "domain") if name in arrays},
+    }, arrays
+
+
+def exact(model: "PersidskiiModel") -> SparseModel:
+    """Return the checker's reading of a model."""
+    return read_sparse(*arrays_of(model))
+
+
+def archive(arrays: Mapping[str, ndarray]) -> bytes:
+    """Return the bytes of a companion: an uncompressed zip of one-dimensional arrays."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **{name: np.ascontiguousarray(values) for name, values in arrays.items()})
+    return buffer.getvalue()
+
+
+def save(model: "PersidskiiModel", path: Path) -> dict[str, Any]:
+    """Write the companion of a model file beside it, and return the object of the file."""
+    content, arrays = arrays_of(model)
+    data, name = archive(arrays), f"{path.stem}.npz"
+    write_atomically(path.with_name(name), data)
+    stored = {"npz": name, "sha256": hashlib.sha256(data).hexdigest()}
+
+    def located(entry: Any, place: str) -> Any:
+        return {**entry, **stored, "name": place} if isinstance(entry, dict) else entry
+
+    for field in ("A0", "B", "x_ref", "b", "domain"):
+        content[field] = located(content.get(field), field)
+    for t, term in enumerate(content["terms"]):
+        for part in "AR":
+            term[part] = located(term[part], f"terms.{t}.{part}")
+    return {**content, "provenance": model.provenance}
+
+
+def load(data: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
+    """Return the constructor's arguments for an object of `model.json` with sparse matrices.
+
+    Raises:
+        ModelError: a matrix, or its companion, is not as specified.
+    """
+    try:
+        found = read_sparse(data, gathered(data, folder))
+    except FormatError as error:
+        raise ModelError(str(error)) from None
+    return arguments(found) | {"provenance": data.get("provenance")}
+
+
+def arguments(found: SparseModel) -> dict[str, Any]:
+    """Return the constructor's arguments for a model that the checker has read."""
+    n, m = found.n, len(found.inputs)
+    terms = [
+        (
+            term.texts[0] if len(term.texts) == 1 else list(term.texts),
+            None if term.R is None else _matrix(term.R, (term.size, n)),
+            _matrix(term.A, (n, term.size)),
+        )
+        for term in found.terms
+    ]
+    return {
+        "A0": _matrix(found.A0, (n, n)),
+        "terms": terms,
+        "B": _matrix(found.B, (n, m)),
+        "b": found.b,
+        "x_ref": found.x_ref,
+        "u_ref": [float.fromhex(value) for value in found.u_ref],
+        "states": found.states,
+        "inputs": found.inputs,
+        "domain": None if found.domain is None else found.domain.reshape(n, 2),
+    }
+
+
+def is_sparse(value: Any) -> bool:
+    """Whether a value is a SciPy sparse matrix or array."""
+    return sparse.issparse(value)
+
+
+def _matrix(columns: Columns | None, shape: tuple[int, int]) -> csc_array:
+    if columns is None:
+        return csc_array(shape)
+    return csc_array((columns.values, columns.rows, columns.starts), shape=shape)
+
+
+def _parts(name: str, matrix: csc_array) -> Arrays:
+    if not matrix.nnz:
+        return {}
+    return {f"{name}.starts": matrix.indptr, f"{name}.rows": matrix.indices, f"{name}.values": matrix.data}
+
+
+def _shape(name: str, matrices: Mapping[str, Any], arrays: Arrays) -> dict[str, Any] | None:
+    return {"shape": list(matrices[name].shape)} if f"{name}.values" in arrays else None
+
+
+def _term(t: int, term: Any, matrices: Mapping[str, Any], arrays: Arrays) -> dict[str, Any]:
+    texts = [f.text for f in term.f]
+    R = None if term.R is None else _shape(f"terms.{t}.R", matrices, arrays)
+    f = texts[0] if len(set(texts)) == 1 else texts
+    return {"f": f, "R": R, "A": _shape(f"terms.{t}.A", matrices, arrays)}

@@ -1,0 +1,55 @@
+"""Ask the independent checker."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import persid_check
+from persid.certificates.certificate import Certificate
+from persid.models.model import PersidskiiModel
+from persid.networks.certificate import NetworkCertificate, is_large
+from persid_check.results import Result
+
+
+def load_certificate(path: str | Path) -> Any:
+    """Read a certificate; the checker reads it too, and what it does not accept is refused.
+
+    Of claim L1 it is a NetworkCertificate; its companion of large arrays is looked for in the same folder.
+
+    Raises:
+        RoundingError: the checker does not accept the file.
+    """
+    data = Path(path).read_bytes()
+    if b'"claim": "L1"' in data[:400]:
+        from persid.networks.certificate import load
+
+        return load(data, Path(path).parent)
+    return Certificate.accept(data)
+
+
+def check(
+    certificate: Certificate | NetworkCertificate | str | Path, model: PersidskiiModel | str | Path | None = None
+) -> Result:
+    """Check a certificate or the file of one; with `model`, it must be the model that the certificate speaks of.
+
+    Returns:
+        Accepted, Rejected or Malformed, as `persid_check` says; never an exception for what a file holds.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    data = Path(certificate) if isinstance(certificate, str | Path) else certificate.data
+    arrays = getattr(certificate, "arrays", None)
+    if not (isinstance(model, PersidskiiModel) and is_large(model)):
+        return persid_check.check(data, _bytes(model), arrays=arrays)
+    answer = persid_check.check(data, arrays=arrays)  # a large model is compared by its hash, not written out
+    stated = json.loads(data if isinstance(data, bytes) else data.read_bytes()).get("model_sha256")
+    if isinstance(answer, persid_check.Accepted) and stated != model.sha256:
+        return persid_check.Rejected("model", "the certificate speaks of another model")
+    return answer
+
+
+def _bytes(model: PersidskiiModel | str | Path | None) -> bytes | Path | None:
+    if isinstance(model, PersidskiiModel):
+        return json.dumps(model.to_dict()).encode("utf-8")
+    return None if model is None else Path(model)

@@ -1,0 +1,144 @@
+"""What a verdict says, in words for people and as one object for programs."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from persid.models.model import PersidskiiModel
+from persid.verdicts.certify import RATED, RATED_STATES
+from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided
+
+LISTED_STATES = 1000  # the operating point of a larger model is not listed
+NO_PLANT = (
+    "It is about the model, not about the plant that was measured: how far the two agree is a question for the "
+    "comparison with the measurements."
+)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of claims E and R.
+
+    `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
+    """
+
+    verdict: str
+    claim: str | None
+    scope: str | None
+    operating_point: list[float] | None
+    reason: str | None
+    rate: float | None
+    gain: float | None
+    seconds: float
+    evidence: dict[str, Any] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object that `--json` prints."""
+        return asdict(self)
+
+
+def summarize(verdict: Any) -> Summary:
+    """Return the brief of a verdict of `persid.verdicts.certify`."""
+    name = type(verdict).__name__.lower()
+    seconds = round(math.fsum(attempt.seconds for attempt in verdict.attempts), 3)
+    if isinstance(verdict, Certified):
+        certificate = verdict.certificate
+        large = certificate.model.n > LISTED_STATES
+        point = None if large else [float(x) for x in certificate.operating_point]
+        rate, gain = certificate.rate, certificate.gain
+        return Summary(name, certificate.claim, certificate.scope, point, None, rate, gain, seconds)
+    evidence = asdict(verdict.evidence) if isinstance(verdict, Undecided) and verdict.evidence else None
+    return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
+
+
+def attempt_rows(verdict: Any) -> list[tuple[str, str, str]]:
+    """Return every attempt of a verdict as a row: what was tried, how it ended, and its seconds."""
+    return [(one.what, one.outcome, f"{one.seconds:.2f} s") for one in verdict.attempts]
+
+
+def unsettled(verdict: Any) -> str:
+    """Return a verdict without a certificate as a sentence; the evidence beside it is no part of it."""
+    if isinstance(verdict, Undecided):
+        return f"Undecided: {verdict.reason.value} {verdict.detail}".rstrip()
+    return str(verdict)
+
+
+def headline(verdict: Any, model: PersidskiiModel) -> str:
+    """Return the verdict as one sentence for a person who has never met the theory."""
+    if not isinstance(verdict, Certified):
+        return unsettled(verdict)
+    if verdict.certificate.scope == "regional":
+        return (
+            "Certified: the model is input-to-state stable in a region around its operating point; from every start "
+            "inside it and for small enough inputs the state stays inside, in the long run within a distance of the "
+            "operating point that the inputs alone decide."
+        )
+    if not model.m and not _counts_b(verdict.certificate, model):
+        return "Certified: the model is globally stable; from every initial state it goes to its operating point."
+    return (
+        "Certified: the model is input-to-state stable, globally; from every initial state and for every bounded input "
+        "its state stays bounded, in the long run within a distance of the operating point that the inputs alone "
+        "decide."
+    )
+
+
+def _counts_b(certificate: Any, model: PersidskiiModel) -> bool:
+    """Whether the constant b is one of the inputs of the claim."""
+    return certificate.content["operating_point"] is None and bool(model.b.any())
+
+
+def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
+    """Return what a verdict does not claim, one sentence each."""
+    if isinstance(verdict, Refuted):
+        return (
+            "What is refuted is stability from all initial states: in a region around one of its equilibria the model "
+            "may still be stable, and another fit to the same measurements may be stable everywhere.",
+            NO_PLANT,
+        )
+    if not isinstance(verdict, Certified):
+        return (
+            "Undecided is not unstable: neither a proof nor a counterexample was found, and another fit, more time or "
+            "another kind of proof may decide it.",
+            NO_PLANT,
+        )
+    found = [NO_PLANT]
+    if _counts_b(verdict.certificate, model):
+        found.append(
+            "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "
+            "stays within a distance of x_ref that depends on b and on u - u_ref."
+        )
+    if (why := unrated(verdict)) is not None:
+        found.append(f"It gives no number for how fast the start is forgotten or how strongly inputs act: {why}.")
+    if model.domain is not None and verdict.certificate.scope == "global":
+        found.append(
+            "It holds for the model beyond the range of the measurements too, where nothing has compared the model "
+            "with the plant."
+        )
+    if verdict.certificate.scope == "regional":
+        found.append("It says nothing about starts outside the region.")
+    return tuple(found)
+
+
+_UNRATED = {
+    Reason.TIME: "the time limit was reached",
+    Reason.OUTSIDE: "the linearisation at the operating point shows no exponential decay",
+    Reason.ROUNDING: "the margin of the one that was found was lost in exact arithmetic",
+    Reason.FORM: "a property of the functions that they need could not be proved",
+    Reason.STALLED: "the solver stalled while they were sought",
+}
+
+
+def unrated(verdict: Certified) -> str | None:
+    """Return in one clause why a certificate gives neither rate nor gain; None where it gives them."""
+    certificate = verdict.certificate
+    if certificate.rate is not None:
+        return None
+    if certificate.claim == "M":
+        return "a state is dropped from the inequality, and a rate needs every state in it (claim E)"
+    if certificate.model.n > RATED_STATES:
+        return f"they are sought for up to {RATED_STATES} states, and the model has {certificate.model.n}"
+    outcome = next((one.outcome for one in reversed(verdict.attempts) if one.what == RATED), None)
+    if outcome is not None:
+        return _UNRATED.get(Reason.__members__.get(outcome.upper(), Reason.NOT_FOUND), "none were found")
+    searched = any(one.what.startswith("global Lyapunov function") for one in verdict.attempts)
+    return "no time was left to seek them" if searched else "none were asked for, or found"

@@ -1,0 +1,170 @@
+"""Kept certificates are accepted, and every falsehood is refused in the way that is due."""
+
+import os
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from checker import named
+from checker.falsehoods import FALSEHOODS
+from checker.maker import Wanted, data, dyadic, file, make, model
+from persid_check import Accepted, Rejected, check, model_sha256
+from places import ROOT
+
+SOURCES = ROOT / "src"
+
+
+@pytest.mark.parametrize("name", sorted(named.MAKERS))
+def test_a_valid_certificate_is_accepted_and_explained(name: str) -> None:
+    """Every kept valid certificate is accepted, with a statement and numbered steps."""
+    result = check(named.VALID / f"{name}.json")
+    assert isinstance(result, Accepted), result
+    assert result.steps[0].startswith("1. ")
+    assert model_sha256(named.load(name)["model"]) in result.statement
+
+
+@pytest.mark.parametrize("falsehood", FALSEHOODS, ids=lambda falsehood: falsehood.name)
+def test_a_falsehood_is_refused(falsehood) -> None:
+    """A file with one false entry is rejected or malformed, as its row says, with a place and a reason."""
+    result = check(falsehood.content())
+    assert type(result).__name__ == falsehood.expected, (falsehood.why, result)
+    assert result.where
+    assert result.why
+
+
+def test_there_are_at_least_sixty_kinds_of_falsehood() -> None:
+    """The table holds more than sixty falsehoods with different names."""
+    assert len({falsehood.name for falsehood in FALSEHOODS}) == len(FALSEHOODS) >= 60
+
+
+def test_certified_at_one_input_is_not_certified_at_every_input() -> None:
+    """x' = -(x^3 - 3 x^2 + 2.5 x) + u is certified at u* = 0 only: at u = 0.55 there are three equilibria."""
+    cubic = model([("x**3-3*x**2+2.5*x", None, [[-1]])])
+    result = check(data(make(Wanted(cubic, [[(1, 0), (0, 1), (Fraction(-3, 16), 1)]]))))
+    assert isinstance(result, Accepted), result
+    assert "every equilibrium" not in result.statement
+
+
+def test_nothing_certifies_crossed_relus() -> None:
+    """x1' = -x1 - 2 relu(x2) + u1 and its mirror image, unstable at (1, 1) for u = (3, 3), get no certificate."""
+    crossed = model([("relu(x)", None, [[0, -2], [-2, 0]])], [[-1, 0], [0, -1]], [[1, 0], [0, 1]], n=2)
+    forms = [(1, 0), (0, 1), (1, -1)]
+    for full in (False, True):
+        assert isinstance(check(data(make(Wanted(crossed, [forms, forms], full=full)))), Rejected)
+
+
+def test_another_model_is_noticed(tmp_path: Path) -> None:
+    """With --model, a certificate of another model is rejected."""
+    other = tmp_path / "model.json"
+    other.write_bytes(data(model([("x**3", None, [[-1]])], [[-1.5]], b=[2.0])))
+    same = tmp_path / "same.json"
+    same.write_bytes(data(named.OFFSET))
+    assert isinstance(check(named.VALID / "g_ball.json", other), Rejected)
+    assert isinstance(check(named.VALID / "g_ball.json", same), Accepted)
+
+
+def _identity(size: int) -> list[list[int]]:
+    return [[int(i == j) for j in range(i + 1)] for i in range(size)]
+
+
+def test_infeasible_speaks_of_no_density_but_the_forms_in_the_file() -> None:
+    """Diagonal P alone fails and diagonal P with the density y of the row (1, 1) succeeds: both are told apart."""
+    sheared = model([("tanh(x)", [[1, 1]], [[0], [0]])], [[0.125, 1], [-1, -1]], n=2)
+    without = file(
+        sheared, "infeasible", family="diagonal", groups=[{"forms": []}], L=[[-2, 6], [1, 0], [0, 0]], proof={}
+    )
+    result = check(data(without))
+    assert isinstance(result, Accepted), result
+    assert "Lyapunov densities of the 0 forms in the file and with in-group products of these forms and y" in (
+        result.statement
+    )
+    assert isinstance(check(data(make(Wanted(sheared, [[(1, 0)]], dropped=(2,))))), Accepted)
+
+
+def test_a_box_is_not_stated_larger_than_it_is() -> None:
+    """Sides that are rounded or left out of the sentence are marked: the claim holds in the file's box only."""
+    n, half = 13, dyadic(1 - Fraction(1, 2**30))
+    decay = model([], [[-float(i == j) for j in range(n)] for i in range(n)], [[0.0]] * n, n=n)
+    regional = file(
+        decay, "R", operating_point=None, P={"diagonal": [[1, 0]] * n}, groups=[], dropped=[], gamma=[1, 0],
+        kappa=[1, 0], p=[1, -1], box=[[[-half[0], half[1]], half]] * n, level=[1, -1], input_bound=[1, -1],
+        proof={"P": _identity(n), "Q": _identity(n + 1)},
+    )  # fmt: skip
+    result = check(data(regional))
+    assert isinstance(result, Accepted), result
+    assert "[~-1.00000, ~0.999999], ... (13 sides) with" in result.statement
+
+
+def _unstable(function: str, name: str = "x1") -> bytes:
+    growing = model([(function, None, [[1]])]) | {"states": [name]}
+    witness = {
+        "kind": "unstable-equilibrium", "point": {"x": [[0, 0]], "radius": [0, 0]}, "S": [[[1, 0]]],
+        "sigma": [0, 0], "direction": [[1, 0]], "T": [[1]],
+    }  # fmt: skip
+    return data(file(growing, "refuted", u=[[0, 0]], witness=witness))
+
+
+def test_names_in_a_sentence_are_quoted() -> None:
+    """A state may be named like a claim; within quotation marks it cannot be taken for one."""
+    name = "x (1) is globally input-to-state stable. The model with state y"
+    result = check(_unstable("sinh(x)", name))
+    assert isinstance(result, Accepted), result
+    assert result.statement.startswith(f"The model with state {name!r} (1), 1 input and")
+
+
+def test_a_jacobian_of_immense_numbers_is_refused_at_once() -> None:
+    """A slope of 2^(64^6) at 0 is not written out as an integer."""
+    immense = "x*(" + "(" * 6 + "2" + "**64)" * 6 + ")"
+    start = time.perf_counter()
+    assert isinstance(check(_unstable(immense)), Rejected)
+    assert time.perf_counter() - start < 5
+
+
+def _run(arguments: list[str], *options: str) -> subprocess.CompletedProcess[str]:
+    """The checker in a process where NumPy and persid cannot be imported."""
+    block = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'scipy', 'persid', 'cvxpy']));"
+    code = f"{block} sys.argv[1:] = {arguments!r}; from persid_check.__main__ import main; sys.exit(main())"
+    environment = {**os.environ, "PYTHONPATH": str(SOURCES)}
+    return subprocess.run(
+        [sys.executable, *options, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
+
+
+@pytest.mark.parametrize("options", [(), ("-O",), ("-OO",)])
+def test_exit_codes_alone_and_optimized(tmp_path: Path, options: tuple[str, ...]) -> None:
+    """Alone, and with python -O, the command exits 0 for accepted, 1 for rejected, 2 for malformed or missing files."""
+    outcomes = {falsehood.name: falsehood for falsehood in FALSEHOODS}
+    rejected, malformed = tmp_path / "rejected.json", tmp_path / "malformed.json"
+    rejected.write_bytes(outcomes["negative_mu"].content())
+    malformed.write_bytes(outcomes["float_mantissa"].content())
+    accepted = _run([str(named.VALID / "g_mixed_pair.json"), "--explain"], *options)
+    assert (accepted.returncode, accepted.stderr) == (0, "")
+    assert "claim G" in accepted.stdout
+    assert _run([str(rejected)], *options).returncode == 1
+    assert _run([str(malformed)], *options).returncode == 2
+    assert _run([str(tmp_path / "absent.json")], *options).returncode == 2
+
+
+def test_the_sources_hold_no_assertion_and_no_evaluation() -> None:
+    """The checker's source has no assert, eval, exec or pickle, and imports only flint and the standard library.
+
+    Modules of claim L1 import NumPy, within functions alone, to read large arrays.
+    """
+    import ast
+
+    allowed = {*sys.stdlib_module_names, "flint", "persid_check"} - {"pickle", "marshal"}
+    for path in sorted((SOURCES / "persid_check").glob("*.py")):
+        tree = ast.parse(path.read_text())
+        here = allowed | ({"numpy"} if path.stem in {"companion", "network", "sparse", "table"} else set())
+        assert not any("numpy" in ast.dump(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom))
+        for node in ast.walk(tree):
+            assert not isinstance(node, ast.Assert), path
+            if isinstance(node, ast.Name):
+                assert node.id not in {"eval", "exec", "compile", "__import__"}, path
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert {name.split(".")[0] for name in names} <= here, path

@@ -1,0 +1,67 @@
+"""Operating points: found, proved, sorted."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import persid as ps
+from persid.lyapunov.operating_points import prove
+from questions import PENDULUM, TRAFFIC
+
+
+@settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(st.lists(st.integers(-8, 8), min_size=5, max_size=5))
+def test_rest(drawn: list[int]) -> None:
+    """At a proved point the model rests: F is tiny, and exactly zero where the radius is."""
+    a, b, c, d, u = (k / 4 for k in drawn)
+    model = ps.PersidskiiModel([[a, b], [-b, -1.0]], [("tanh(x)", None, [[c, 0.0], [0.0, d]])], [[1.0], [0.5]])
+    for point in ps.find_operating_point(model, [u]):
+        speed = np.abs(model.rhs(point.x, point.u)).max()
+        assert speed <= 1e-9
+        if point.radius == 0:
+            assert speed == 0
+
+
+def test_nearest_first() -> None:
+    """Points are sorted by their distance from x_ref, or from the state that is named."""
+    model = ps.PersidskiiModel(**PENDULUM)
+    near = [point.x[0] for point in ps.find_operating_point(model)]
+    assert near[0] == 0
+    assert np.all(np.diff(np.abs(near)) >= -1e-9)
+    assert ps.find_operating_point(model, near=[3.0, 0.0])[0].x == pytest.approx([np.pi, 0.0])
+
+
+def test_constant_input_moves_the_point() -> None:
+    """The equilibrium of x' = -x + u for u = 3 is 3, exactly."""
+    (point,) = ps.find_operating_point(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), [3.0])
+    assert (point.x, point.radius) == (np.array([3.0]), 0.0)
+
+
+def test_point_with_a_singular_jacobian() -> None:
+    """x' = -x^3 rests at 0 exactly, though Newton's method has no slope to use there."""
+    (point,) = ps.find_operating_point(ps.PersidskiiModel(None, [("x**3", None, [[-1.0]])], [[1.0]]))
+    assert (point.x, point.radius) == (np.array([0.0]), 0.0)
+
+
+def test_traffic_has_dozens() -> None:
+    """The traffic system with its true right-hand side rests at 20 states or more."""
+    model = ps.PersidskiiModel(**TRAFFIC, domain=[[-20.0, 20.0], [-20.0, 20.0]])
+    points = ps.find_operating_point(model, starts=128)
+    assert len(points) >= 20
+    assert min(np.abs(point.x - [2.92225, 1.49289]).max() for point in points) < 1e-4
+
+
+def test_unproved_point() -> None:
+    """A state that is no equilibrium is not proved to be one."""
+    model = ps.PersidskiiModel([[-1.0]], [], [[1.0]])
+    assert prove(model, np.array([0.5]), np.array([0.0])) is None
+
+
+@pytest.mark.parametrize("arguments", [{"u": [1.0, 2.0]}, {"u": [np.nan]}, {"near": [1.0, 2.0]}, {"near": "here"}])
+def test_wrong_arguments(arguments: dict[str, Any]) -> None:
+    """Vectors of a wrong length or with numbers that are not finite raise."""
+    with pytest.raises(ps.ModelError, match="needed"):
+        ps.find_operating_point(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), **arguments)

@@ -1,0 +1,62 @@
+"""Products with sums of pairs of rows, against the same products of dense matrices."""
+
+import numpy as np
+import pytest
+from numpy import ndarray
+
+from persid.lyapunov.pairs import (
+    Problem,
+    combine,
+    dual_of_P,
+    lengths,
+    pack,
+    pairings,
+    sandwich,
+    schur,
+    schur_of_P,
+    unpack,
+)
+from random_problems import random_assembly
+
+SEEDS = (0, 2, 4, 5)  # diagonal and full P, general rows, a dropped state
+
+
+def _positive(order: int, seed: int) -> ndarray:
+    half = np.random.default_rng(seed).normal(size=(order, order))
+    return half @ half.T + np.eye(order)
+
+
+def _dense(problem: Problem) -> list[ndarray]:
+    D = np.vstack([problem.S.toarray(), problem.H])
+    tie = np.eye(len(problem.p)) if problem.tie is None else problem.tie.toarray()
+    pairs = [np.outer(D[p], D[q]) + np.outer(D[q], D[p]) for p, q in zip(problem.p, problem.q, strict=True)]
+    return list(np.tensordot(tie.T, np.array(pairs), axes=1))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_products_with_one_matrix(seed: int) -> None:
+    """Sums, pairings and D M D' are what the dense matrices give, and no pairing exceeds its lengths."""
+    problem = random_assembly(seed).problem
+    F, M = _dense(problem), _positive(problem.order, seed)
+    y = np.random.default_rng(seed).normal(size=len(F))
+    np.testing.assert_allclose(combine(problem, y), np.tensordot(y, F, axes=1), atol=1e-12)
+    np.testing.assert_allclose(pairings(problem, M), [np.vdot(f, M) for f in F], rtol=1e-9, atol=1e-12)
+    D = np.vstack([problem.S.toarray(), problem.H])
+    np.testing.assert_allclose(sandwich(problem, M), D @ M @ D.T, atol=1e-10)
+    assert (np.abs(pairings(problem, M)) <= (1 + 1e-9) * lengths(problem, M)).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_schur_complement(seed: int) -> None:
+    """The lower triangle of the Schur complement is tr(F_k X F_l V), for the pairs and for the entries of P."""
+    problem = random_assembly(seed).problem
+    F, X, V = _dense(problem), _positive(problem.order, 1), _positive(problem.order, 2)
+    wanted = [[np.trace(f @ X @ g @ V) for g in F] for f in F]
+    made = schur(problem, sandwich(problem, X), sandwich(problem, V))
+    np.testing.assert_allclose(np.tril(made), np.tril(wanted), rtol=1e-8, atol=1e-8)
+    E = [unpack(problem, unit) for unit in np.eye(len(F))[: problem.free]]
+    U, W = _positive(problem.symmetric, 3), _positive(problem.symmetric, 4)
+    wanted = np.array([[np.trace(e @ U @ f @ W) for f in E] for e in E]).reshape(len(E), len(E))
+    np.testing.assert_allclose(schur_of_P(problem, U, W), wanted)
+    np.testing.assert_allclose(pack(problem, U), [np.vdot(e, U) for e in E])
+    np.testing.assert_allclose(dual_of_P(problem, pack(problem, U)), U)

@@ -1,0 +1,190 @@
+"""The documentation: every snippet runs and prints what the page says; every page can be reached."""
+
+import contextlib
+import io
+import json
+import re
+import shlex
+import shutil
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import benchmark_tables
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import pytest
+
+import persid as ps
+import persid_check
+from persid.commands.cli import main
+from places import ROOT
+from shown import numbers, words
+
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+FENCE = re.compile(r"^( *)(`{3,})([^\n`]*)\n(.*?)\n\1\2 *$", re.M | re.S)
+SHOWN = {
+    "text",
+    "json",
+    "{.python .example}",
+}  # not run here: outputs, files, and the examples, which test_examples runs
+ELSEWHERE = ("python3 -m venv", ".venv/bin/pip", ".venv/bin/pytest")  # what .ci/run does in a fresh environment
+README = ROOT / "README.md"
+SHORT = ("1_000_000", "1_000")  # a network of a million states is tested with a thousand
+DELIVERED: dict[tuple[str, ...], tuple[Path, str]] = {}  # what `persid run` left and printed, by its arguments
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block of a page: its language, its text, and the output that the page shows for it, if any."""
+
+    line: int
+    language: str
+    text: str
+    output: str | None = None
+
+
+def blocks(path: Path) -> list[Block]:
+    """Return the fenced blocks of a page; a block of text right after one that runs is its output."""
+    text = path.read_text(encoding="utf-8")
+    found = list(FENCE.finditer(text))
+    after = {one.end(): two for one, two in pairwise(found) if not text[one.end() : two.start()].strip()}
+    return [
+        Block(text.count("\n", 0, match.start()) + 1, match[3].strip(), match[4], _output(after.get(match.end())))
+        for match in found
+    ]
+
+
+def _output(match: re.Match[str] | None) -> str | None:
+    return match[4] if match is not None and match[3].strip() in ("text", "") else None
+
+
+def run(block: Block, names: dict[str, object], page: Path) -> str:
+    """Run a block and return what it prints."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), mpl.rc_context({"backend": "agg"}):
+        if block.language == "python":
+            exec(compile("\n" * block.line + block.text.replace(*SHORT), str(page), "exec"), names)
+        else:
+            for command in re.sub(r"\\\n", " ", block.text).splitlines():
+                for part in command.split(" && "):
+                    _persid(part.split("  #")[0].strip())
+    plt.close("all")
+    return printed.getvalue()
+
+
+def _persid(command: str) -> None:
+    """Run one persid command in this process; commands of .ci/run pass, others are no part of a page.
+
+    `persid run` takes seconds and stands on several pages: the same command is run once, and its folder copied.
+    """
+    if not command or command.startswith(ELSEWHERE):
+        return
+    program, *arguments = shlex.split(command.removeprefix(".venv/bin/"))
+    assert program == "persid", f"{command!r} is no persid command; mark the block as text"
+    key = tuple(arguments)
+    if key in DELIVERED:
+        folder, printed = DELIVERED[key]
+        shutil.copytree(folder, arguments[-1])
+        print(printed)
+        return
+    heard = io.StringIO()
+    with contextlib.redirect_stdout(heard):
+        assert main(arguments) == 0, command
+    print(heard.getvalue())
+    if arguments[0] == "run":
+        DELIVERED[key] = (Path(arguments[-1]).resolve(), heard.getvalue())
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to work in, with the examples at hand."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def _certificate(folder: Path) -> None:
+    """Put the files there on which pages of reference call their commands."""
+    model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+    model.save(folder / "model.json")
+    ps.certify(model).certificate.save(folder / "certificate.json")
+
+
+@pytest.mark.parametrize("page", [*PAGES, README], ids=lambda path: str(path.relative_to(ROOT)))
+def test_snippets_run(page: Path, here: Path) -> None:
+    """Every snippet of a page runs, in the order of the page, and prints the numbers and words that the page shows."""
+    runnable = [block for block in blocks(page) if block.language in ("python", "sh", "bash")]
+    if page == README:
+        runnable = [block for block in runnable if block.language != "python"]  # test_readme runs that one
+    if any("certificate.json" in block.text for block in runnable) and "OUT/" not in "".join(b.text for b in runnable):
+        _certificate(here)
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in runnable:
+        printed = run(block, names, page)
+        if block.output is not None:
+            where = f"{page.name}, line {block.line}"
+            assert numbers(printed) == pytest.approx(numbers(block.output), rel=0.1, abs=1e-9), where
+            assert words(printed) == words(block.output), where
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(DOCS)))
+def test_blocks_are_run_or_marked(page: Path) -> None:
+    """Every fenced block of the documentation is Python, a shell command, or marked as something that is only shown."""
+    unmarked = [block.line for block in blocks(page) if block.language not in {"python", "sh", "bash", *SHOWN}]
+    assert not unmarked, f"{page.name}: blocks in lines {unmarked} are not marked"
+
+
+def test_a_broken_snippet_is_noticed(here: Path) -> None:
+    """A page whose command fails, or whose numbers differ from the printed ones, would not pass."""
+    page = here / "page.md"
+    page.write_text("```sh\npersid check nothing.json\n```\n\n```python\nprint(2.5)\n```\n\n```text\n3.5\n```\n")
+    command, code, _ = blocks(page)
+    with pytest.raises(AssertionError, match="persid check"):
+        run(command, {}, page)
+    assert numbers(run(code, {}, page)) != pytest.approx(numbers(code.output or ""), rel=0.1)
+
+
+def test_every_page_is_in_the_menu() -> None:
+    """The menu of the site names every page, and no page that is not there."""
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
+    assert set(re.findall(r"[\w/-]+\.md", menu)) == {page.relative_to(DOCS).as_posix() for page in PAGES}
+
+
+@pytest.mark.parametrize("page", [*PAGES, README], ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    """Every relative link and picture of a page is there."""
+    targets = re.findall(r"\]\((?!https?:|mailto:)([^)#\s]+)", FENCE.sub("", page.read_text(encoding="utf-8")))
+    assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
+def test_benchmarks_show_every_file() -> None:
+    """The page of benchmarks has a section for every file of results, and every single value is in it."""
+    text = benchmark_tables.on_page_markdown((DOCS / "benchmarks.md").read_text(encoding="utf-8"))
+    for path in (ROOT / "benchmarks" / "results").glob("*.json"):
+        assert f"results/{path.name}`" in text
+
+
+def test_benchmark_tables_hold_any_record(tmp_path: Path) -> None:
+    """Records with different fields, nested values and bars become one table without a broken row."""
+    rows = [{"n": 1, "seconds": 0.123456}, {"n": 2, "why": "a | b", "nested": {"x": [1.0, None]}}]
+    (tmp_path / "some_name.json").write_text(json.dumps({"runs": rows, "version": "1.0", "empty": []}))
+    text = benchmark_tables.results(tmp_path)
+    assert "| 1 | 0.1235 | — | — |" in text
+    assert "| 2 | — | a \\| b | x: 1, — |" in text
+    assert (
+        len(
+            {line.replace("\\|", "").count("|") for line in text.splitlines() if line.startswith(("| n", "| 1", "| 2"))}
+        )
+        == 1
+    )
+
+
+def test_api_pages_hold_every_public_name() -> None:
+    """Every public function and class of persid has its entry on an API page, and every public name of the checker."""
+    entries = set(
+        re.findall(r"^::: \S+\.(\w+)$", "\n".join(p.read_text(encoding="utf-8") for p in DOCS.glob("api/*.md")), re.M)
+    )
+    errors = {name for name in ps.__all__ if name.endswith("Error")}  # documented together, as a module
+    assert {*ps.__all__, *persid_check.__all__} - errors - {"__version__"} <= entries

@@ -1,0 +1,406 @@
+"""The report page: what it says, that it says it safely, and that a browser shows it."""
+
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from markupsafe import escape
+from scipy.sparse import csc_array
+
+import persid as ps
+from persid import plots
+from persid.commands.exit_codes import verdict_rows
+from persid.models import mathml
+from persid.reports import page as report
+from persid.reports import proof_figures as portraits
+from persid.reports import results as folder
+from persid.reports.comparison import caution
+from persid.reports.results import Record, Results, Source
+from persid.verdicts.evidence import Evidence
+from persid.verdicts.summary import limits
+from persid.verdicts.verdict import Attempt, Certified, Reason, Undecided
+from places import VALID
+
+ATTEMPTS = (Attempt("global Lyapunov function with diagonal P", "certified", 0.25),)
+SPITEFUL = '<script>alert("x")</script> & $\\frac{1}{0}$ \'"'
+
+
+def measured(model: ps.PersidskiiModel, runs: int = 1) -> ps.Trajectories:
+    """Return simulated runs of a model."""
+    t = np.linspace(0, 6, 300)
+    u = np.tile(np.sin(t)[:, None], (1, model.m))
+    found = [model.simulate(np.full(model.n, 0.5 + k), t, u)[0] for k in range(runs)]
+    return ps.Trajectories(tuple(found), model.states, model.inputs, ("data.csv: a gap of 3 s from row 7 to row 8",))
+
+
+def results(certificate: ps.Certificate, **changes: Any) -> Results:
+    """Return the results of a run that ended with this certificate."""
+    data = measured(certificate.model)
+    fit = ps.PersidskiiIdentifier(functions=["x", "tanh(x)"]).fit(data)
+    record = Record(
+        "persid run data.csv -o out", (Source("somewhere/data.csv", "ab" * 32),), {}, fit.report_, ATTEMPTS,
+        folder.versions(),
+    )  # fmt: skip
+    return Results(certificate.model, Certified(certificate, ATTEMPTS), data, record)
+
+
+@pytest.fixture(scope="module")
+def certified() -> Results:
+    """Results with a certificate of claim G."""
+    return results(ps.load_certificate(VALID / "g_full.json"))
+
+
+@pytest.fixture(scope="module")
+def delivered(certified: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the page of these results and its figures."""
+    path = tmp_path_factory.mktemp("delivered")
+    report.write_report(certified, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(delivered: Path) -> str:
+    """The page of these results."""
+    return (delivered / "report.html").read_text(encoding="utf-8")
+
+
+class Outline(HTMLParser):
+    """Reads headings, ids, sources and figures from a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.headings: list[int] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.tags: list[str] = []
+        self.unlabelled: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take note of one tag."""
+        given = dict(attrs)
+        self.tags.append(tag)
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        self.ids += [value for name, value in attrs if name == "id" and value]
+        self.links += [value for name, value in attrs if name in ("href", "src", "xlink:href") and value]
+        if tag == "svg" and not (given.get("role") == "img" and given.get("aria-label")):
+            self.unlabelled.append(tag)
+        if tag == "th" and "scope" not in given:
+            self.unlabelled.append(tag)
+
+
+def test_page_says_the_verdict_and_its_limits(page: str, certified: Results) -> None:
+    """The page gives the verdict with its scope, the checker's words, and what is not claimed."""
+    assert "Certified: the model is input-to-state stable, globally" in page
+    assert str(escape(certified.verdict.certificate.statement.split(" is globally")[0])) in page
+    assert "It is about the model, not about the plant" in page
+    assert "a gap of 3 s from row 7 to row 8" in page
+
+
+def test_page_tells_how_to_check(page: str, certified: Results) -> None:
+    """The page gives the command that checks the certificate, and the hashes."""
+    assert "python -m persid_check certificate.json --model model.json" in page
+    assert certified.model.sha256 in page
+    assert "ab" * 32 in page
+
+
+def test_page_is_self_contained(page: str) -> None:
+    """Every link stays in the page; there are no scripts, and the page is smaller than 3 MB."""
+    outline = Outline(page)
+    assert all(link.startswith(("#", "data:,")) for link in outline.links)
+    assert {"script", "iframe", "img", "object"}.isdisjoint(outline.tags)
+    assert len(page.encode()) < 3e6
+
+
+def test_page_is_accessible(page: str) -> None:
+    """Headings descend by one, ids are unique and hit, figures have alternative texts, headers their scope."""
+    outline = Outline(page)
+    assert outline.headings[0] == 1
+    assert outline.headings.count(1) == 1
+    assert all(b <= a + 1 for a, b in zip(outline.headings, outline.headings[1:], strict=False))
+    assert len(outline.ids) == len(set(outline.ids))
+    assert {link[1:] for link in outline.links if link.startswith("#")} <= set(outline.ids)
+    assert not outline.unlabelled
+    assert outline.tags.count("figure") == outline.tags.count("figcaption") > 3
+
+
+def test_names_cannot_break_out() -> None:
+    """Names of states that hold markup, quotes or mathematics appear as they are and do nothing."""
+    model = ps.PersidskiiModel([[-1, 0], [0, -1]], [], [[1], [0]], states=[SPITEFUL, "b"], inputs=["<u>"])
+    data = measured(model)
+    record = Record(f"persid {SPITEFUL}", (Source(SPITEFUL, "0"),), {}, None, (), {})
+    verdict = Undecided(Reason.STALLED, SPITEFUL, (Attempt(SPITEFUL, SPITEFUL, 1.0),))
+    text = report.render(Results(model, verdict, data, record))
+    assert "script" not in Outline(text).tags
+    assert "u" not in Outline(text).tags
+    assert "&lt;script&gt;" in text
+
+
+def test_equations_are_mathematics_and_can_be_copied(page: str, certified: Results) -> None:
+    """Every equation is set in MathML, and stands as text and as LaTeX beside it."""
+    model = certified.model
+    assert page.count("<math>") == int(mathml.counts(model).sum()) + model.n
+    for form in ("text", "latex"):
+        assert str(escape(ps.equations(model, form))) in page
+
+
+def test_page_shows_the_spectrum_of_an_edmd_fit() -> None:
+    """A fit by EDMD shows its eigenvalues and the aliasing limit; other fits have no such section."""
+    model = ps.PersidskiiModel([[-1, 2], [-2, -1]], [], [[1], [0]])
+    data = measured(model)
+    fit = ps.PersidskiiIdentifier(functions=["x"], method="edmd").fit(data)
+    record = Record("persid run", (), {}, fit.report_, (), {})
+    text = report.render(Results(fit.model_, Undecided(Reason.STALLED), data, record))
+    assert "the aliasing limit is" in text
+    assert re.search(r"fastest mode here turns 0\.31[78]\d? Hz", text)  # 2 rad/s
+    spectrum = fit.report_.spectrum
+    assert spectrum is not None
+    assert f"{spectrum.values[0][0]:.4g}" in text
+
+
+def exploding(model: dict[str, Any]) -> dict[str, Any]:
+    """Return a model with an A0 that lets it blow up at once."""
+    n = len(model["states"])
+    return model | {"A0": (1e3 * np.eye(n)).tolist(), "terms": []}
+
+
+def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results) -> None:
+    """Free fit, fit under the certificate and all candidates are told, whatever is recorded of these."""
+    fits = [
+        {"name": "free", "verdict": "refuted", "rmse": 0.25, "r2": [0.5, -2.0], "blow_ups": 1},
+        {"name": "under the certificate", "verdict": "certified", "rmse": 0.5, "r2": [0.9, 0.8], "blow_ups": 0},
+    ]
+    rows = [
+        {"functions": ["x", "tanh(2*x)"], "certified": True, "error": 0.125, "seconds": 2.5, "new_figure": None},
+        {"functions": ["x", "sinh(x)"], "certified": False, "error": 0.0625, "seconds": 0.5, "new_figure": 7.0},
+        {"functions": ["x"], "certified": False, "error": math.inf, "seconds": 0.5, "new_figure": 8.0},
+    ]
+    assert certified.record is not None
+    unstable = exploding(certified.model.to_dict())
+    compared = {"fits": fits, "price": 2.0, "candidates": rows, "free_model": unstable}
+    record = replace(certified.record, comparison=compared)
+    text = report.render(replace(certified, record=record))
+    words = (
+        "2 times the free one",
+        "x, tanh(2*x)",
+        "new figure",
+        "0.125",
+        "2 of 3 candidate fits",
+        "Values below 0 are drawn at 0",
+        "The free fit, which has no certificate (dotted), blows up at t = ",
+    )
+    assert [word for word in words if word not in text] == []
+    assert {"fits", "candidates"} <= set(re.findall(r'id="(\w+)-figure_1"', text))
+
+
+def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified: Results) -> None:
+    """At the head of the page stands that the model is worse than the mean, of the fit that was delivered."""
+    record = certified.record
+    assert record is not None
+    assert record.fit is not None
+    assert record.fit.free_run is not None
+    assert "worse than the mean" not in report.render(certified)
+    poor = replace(record, fit=replace(record.fit, free_run=replace(record.fit.free_run, r2_states=(-0.5, 0.36))))
+    assert "on the held-out tail the model is worse than the mean (R2 -0.07)" in report.render(
+        replace(certified, record=poor)
+    )
+    fits = [{"name": "free", "r2": [-2.0, 0.0]}, {"name": "under the certificate", "r2": [0.5, 0.5]}]
+    assert caution(certified.verdict, poor.fit, {"fits": fits}) is None
+    fits[1]["r2"] = [-2.0, 1.0]
+    assert "in free runs over the data" in (caution(certified.verdict, record.fit, {"fits": fits}) or "")
+    assert caution(Undecided(Reason.STALLED), poor.fit, None) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "attempts", "why"),
+    [
+        ("m_cubes", (), "a state is dropped"),
+        ("g_full", (Attempt("rate and gain", "not_found", 0.1),), "none were found"),
+        ("g_full", (Attempt("rate and gain", "time", 0.1),), "the time limit was reached"),
+        ("g_full", ATTEMPTS, "no time was left"),
+        ("g_full", (Attempt("fit, linear start", "certified", 0.1),), "none were asked for"),
+        ("e_shifted", (), None),
+    ],
+)
+def test_why_there_is_no_rate(name: str, attempts: tuple[Attempt, ...], why: str | None) -> None:
+    """A certificate without rate and gain says in one clause why it has none, in the table and in the report."""
+    certificate = ps.load_certificate(VALID / f"{name}.json")
+    verdict = Certified(certificate, attempts)
+    told = [limit for limit in limits(verdict, certificate.model) if "no number" in limit]
+    row = verdict_rows(verdict)[0][1]
+    assert ("no rate and gain" in row) == bool(told) == (why is not None)
+    assert why is None or (why in told[0] and why in row)
+
+
+def test_a_refuted_page_shows_the_witness() -> None:
+    """A refuted model is drawn with the equilibria that refute it, even where nothing was measured near them."""
+    model = ps.PersidskiiModel([[0, 1], [0, -1]], [("sin(x)", [[1, 0]], [[0], [-1]])], domain=[[-1, 1], [-1, 1]])
+    text = report.render(Results(model, ps.certify(model), None, None))
+    assert re.search(r"the proved equilibria at \(0, 0\) and \(-?3\.142, 0\) \(circles\)", text)
+    assert "claim refuted" in text
+
+
+def test_simulations_under_the_bound_obey_it() -> None:
+    """What the page sets against the bound starts with no larger V, is pushed no harder, and stays below it."""
+    certificate = ps.load_certificate(VALID / "e_mixed_pair.json")
+    t = np.linspace(0, 4, 80)
+    run = certificate.model.simulate([1, -1], t, np.tile(np.sin(t)[:, None], (1, 2)))[0]
+    others = list(portraits.challengers(certificate, run))
+    assert len(others) == portraits.CHALLENGERS
+    limit, u = certificate.V(run.x[:1])[0], plots.largest_input(certificate, run)
+    for other in others:
+        assert 0.5 * limit <= certificate.V(other.x[:1])[0] <= limit
+        assert 0.9 * u <= plots.largest_input(certificate, other) <= u
+        distance = np.linalg.norm(other.x - certificate.operating_point, axis=1)
+        assert (distance <= certificate.bound(run.x[0], u, other.t - other.t[0])).all()
+
+
+@pytest.mark.slow
+def test_fifty_states_and_many_samples_stay_readable() -> None:
+    """A page of 50 noisy states and 100,000 samples stays below 3 MB and says how much of them is drawn."""
+    n, count = 50, 25_000
+    rng, t = np.random.default_rng(0), np.arange(count) * 0.01
+    terms = [(f, None, -np.eye(n) + 0.01 * rng.normal(size=(n, n))) for f in ("tanh(x)", "arctan(x)")]
+    model = ps.PersidskiiModel(-np.eye(n), terms, rng.normal(size=(n, 2)))
+    x, u = [rng.normal(size=(count, n)) for _ in range(4)], np.column_stack([np.sin(t), np.cos(t)])
+    data = ps.Trajectories.from_arrays(x, [u] * 4, t=[t] * 4)
+    text = report.render(Results(model, Undecided(Reason.STALLED), data, None))
+    assert len(text.encode()) < 3e6
+    for words in ("first 3 of 4 runs", "first 8 of 50 states", "of 50 equations", "24 of 52 columns", "5000 samples"):
+        assert words in text
+    assert Outline(text).tags.count("figure") < 14
+
+
+def test_colours_can_be_read() -> None:
+    """Text and lines stand out from their ground as WCAG 2 asks (4.5 for text, 3 for figures), light and dark."""
+    css = (Path(report.__file__).parent / "templates" / "report.css").read_text(encoding="utf-8")
+    blocks = re.findall(r"--page:.*?}", css, re.DOTALL)
+    assert len(blocks) == 3
+    for block in blocks:
+        colors = {name: luminance(color) for name, color in re.findall(r"--(\w+): (#[0-9a-f]+)", block)}
+        for name in ("text", "soft", "good", "open", "bad", "measured", "model", "level", "form", "field"):
+            least = 4.5 if name in ("text", "soft", "good", "open", "bad", "measured") else 3
+            for ground in ("card", "code") if name == "text" else ("card",):
+                high, low = sorted((colors[name], colors[ground]), reverse=True)
+                assert (high + 0.05) / (low + 0.05) >= least, (name, ground)
+
+
+def luminance(color: str) -> float:
+    """Return the relative luminance of a colour such as #1b1f24 (WCAG 2)."""
+    digits = color[1:] if len(color) == 7 else "".join(2 * d for d in color[1:4])
+    parts = [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_undecided_page_says_why() -> None:
+    """An undecided page gives the reason and the attempts and claims no proof."""
+    model = ps.PersidskiiModel([[-1, 0], [0, -1]], [], [[1], [0]])
+    text = report.render(Results(model, Undecided(Reason.STALLED, "Try more ridge.", ATTEMPTS), None, None))
+    assert "Undecided: The solver stalled" in text
+    assert "Undecided is not unstable" in text
+    assert "persid_check" not in text
+    assert ATTEMPTS[0].what in text
+
+
+def test_blow_ups_are_told() -> None:
+    """A model whose free run diverges is shown with the time at which it does."""
+    good = ps.PersidskiiModel([[-1, 0], [0, -1]], [], [[1], [0]])
+    bad = ps.PersidskiiModel([[-1, 0], [0, -1]], [("x**3", None, [[9, 0], [0, 9]])], [[1], [0]])
+    text = report.render(Results(bad, Undecided(Reason.STALLED), measured(good), None))
+    assert re.search(r"It blows up at t = [\d.]+ s \(marked\)", text)
+
+
+@pytest.mark.parametrize("n", [1, 3, 9])
+def test_other_numbers_of_states(n: int) -> None:
+    """Models of one, three and nine states have a page, with slices where there is no plane."""
+    model = ps.PersidskiiModel(-np.eye(n), [("tanh(x)", None, -np.eye(n))])
+    verdict = ps.certify(model) if n == 3 else Undecided(Reason.STALLED)
+    text = report.render(Results(model, verdict, measured(model), None))
+    assert ("the other states are at" in text) == (n > 2)
+    assert "first 8 of 9 states" in text or n < 9
+
+
+@pytest.mark.parametrize("name", ["e_shifted", "r_pendulum", "m_cubes"])
+def test_other_claims(name: str) -> None:
+    """Claims with rates, regions and cubes have a page of their own words."""
+    certificate = ps.load_certificate(VALID / f"{name}.json")
+    text = report.render(Results(certificate.model, Certified(certificate), None, None))
+    assert ("the certified region (shaded)" in text) == (certificate.claim == "R")
+    assert ("Rate, 1/s" in text) == (certificate.claim in "ER")
+
+
+def test_files_of_a_report(delivered: Path) -> None:
+    """The figures are written beside the page, as files of their own."""
+    names = {path.name for path in (delivered / "figures").iterdir()}
+    assert {
+        "overview.png", "free-run-1.png", "residuals.png", "level-sets-1-2.png", "sector-forms.png",
+        "contributions.png", "correlations.png",
+    } <= names  # fmt: skip
+
+
+def test_the_same_results_give_the_same_page(certified: Results, page: str) -> None:
+    """A page depends on nothing but the results."""
+    assert report.render(certified) == page
+
+
+def test_browser_shows_the_page(delivered: Path) -> None:
+    """Chromium shows the page in light and dark without a message on the console or a request to the network."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not Path("/usr/bin/chromium").exists():
+        pytest.skip("Chromium is not at /usr/bin/chromium")
+    address = (delivered / "report.html").as_uri()
+    messages: list[str] = []
+    with playwright.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        backgrounds = set()
+        for scheme in ("light", "dark"):
+            tab = browser.new_page(color_scheme=scheme, viewport={"width": 1000, "height": 900})
+            tab.on("console", lambda message: messages.append(message.text))
+            tab.on("pageerror", lambda error: messages.append(str(error)))
+            tab.on("request", lambda request: messages.append(request.url) if request.url != address else None)
+            tab.goto(address)
+            text = tab.inner_text("body")
+            assert "Certified: the model is input-to-state stable" in text
+            assert "Check it yourself" in text
+            assert tab.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+            backgrounds.add(tab.evaluate("getComputedStyle(document.body).backgroundColor"))
+            tab.set_viewport_size({"width": 360, "height": 800})
+            assert tab.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), "too wide for a telephone"
+        browser.close()
+    assert messages == []
+    assert len(backgrounds) == 2
+
+
+def test_evidence_stands_beside_undecided_and_is_kept(tmp_path: Path) -> None:
+    """A simulated divergence is told and drawn beside an undecided verdict, is no part of it, and is kept in files."""
+    model = ps.PersidskiiModel([[-1, 0], [0, -1]], [("x**3", None, [[1, 0], [0, 0]])], domain=[[-2, 2], [-1, 1]])
+    verdict = Undecided(Reason.STALLED, "", ATTEMPTS, None, Evidence(8, 3, (2.0, 1.0), 0.125))
+    model.save(tmp_path / folder.MODEL)
+    folder.write_verdict(tmp_path, verdict, model)
+    folder.write_record(tmp_path, Record("persid run", (), {}, None, ATTEMPTS, {}))
+    found = folder.read_results(tmp_path)
+    assert found.verdict.evidence == verdict.evidence
+    text = report.render(found)
+    assert "3 of 8 runs diverged" in text
+    assert "a simulated run that diverges (red, dashed, from the cross)" in text
+    headline = re.search(r'class="headline">([^<]*)', text)
+    assert headline
+    assert "diverge" not in headline[1]
+
+
+def test_sparse_models_have_a_page() -> None:
+    """A small network with sparse matrices and a claim about a weighted sum has a page with its own hash."""
+    eye = csc_array(np.eye(3))
+    model = ps.PersidskiiModel(-2 * eye, [("tanh(x)", None, -1 * eye)], csc_array(np.ones((3, 1))))
+    verdict = ps.certify(model)
+    text = report.render(Results(model, verdict, measured(model.dense()), None))
+    assert verdict.is_certified
+    assert "claim L1" in text
+    assert model.sha256 in text

@@ -1,0 +1,166 @@
+"""Batches: verdicts in order, failures in their places, and refits to resampled data."""
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.measurements.trajectories import Trajectories
+from persid.verdicts import batches
+from persid.verdicts.verdict import Reason, Undecided
+
+STABLE = ps.PersidskiiModel([[-1.0, 0.5], [0.5, -2.0]], [("tanh(x)", None, -np.eye(2))], [[1.0], [0.0]])
+UNSTABLE = ps.PersidskiiModel([[0.5, 1.0], [-1.0, 0.5]], B=[[1.0], [0.0]])
+
+
+def names(answers: tuple[Any, ...]) -> list[str]:
+    """Return the kinds of answers."""
+    return [type(answer).__name__ for answer in answers]
+
+
+@pytest.mark.parametrize("engine", [None, "processes"])
+def test_order_is_kept_and_failures_stand_in_their_place(tmp_path: Path, engine: Any) -> None:
+    """Answers stand in the order of the models, and one that fails does not stop the others."""
+    (tmp_path / "broken.json").write_text(json.dumps({"format": "persid-model-1", "states": 5}))
+    STABLE.save(tmp_path / "stable.json")
+    models = [UNSTABLE, tmp_path / "broken.json", tmp_path / "absent.json", tmp_path / "stable.json", STABLE]
+    lines: list[str] = []
+    answers = ps.certify_many(models, engine=engine, jobs=2, progress=lines.append, time_limit=20.0)
+    assert names(answers) == ["Refuted", "Failed", "Failed", "Certified", "Certified"]
+    assert "broken.json" in str(answers[1])
+    assert not answers[1].is_certified
+    assert lines[-1] == "deciding: 5 of 5 models"
+    assert answers[3].certificate.data == ps.certify(STABLE).certificate.data
+
+
+def die(model: Any, question: Any) -> Any:
+    """Stand for a process that is killed by one of its models."""
+    if model == "bad":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return batches.Failed(f"seen {model}")
+
+
+def test_a_process_that_dies_is_one_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that is killed fails the one model that kills it; the others have their answers."""
+    monkeypatch.setattr(batches, "_decide", die)
+    answers = ps.certify_many(["a", "bad", "b", "c"], jobs=2)
+    assert [str(answer) for answer in answers if "seen" in str(answer)] == [f"Failed: seen {m}" for m in "abc"]
+    assert "died" in str(answers[1])
+
+
+def test_an_interruption_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After Ctrl-C the answers there are stand, and the other models are Undecided, interrupted."""
+    calls: list[Any] = []
+
+    def decide(model: Any, question: Any) -> Any:
+        calls.append(model)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return batches.Failed("done")
+
+    monkeypatch.setattr(batches, "_decide", decide)
+    answers = ps.certify_many([STABLE] * 5, engine=None)
+    assert names(answers) == ["Failed", "Failed", "Undecided", "Undecided", "Undecided"]
+    assert answers[4].reason is Reason.INTERRUPTED
+    assert len(calls) == 3
+
+
+def test_engines_that_are_not_there() -> None:
+    """An unknown engine, or Dask without a cluster, is wrong use."""
+    with pytest.raises(ps.DataError, match="choose None"):
+        ps.certify_many([STABLE], engine="spark")
+    with pytest.raises(ps.DataError, match="no Dask cluster"):
+        ps.certify_many([STABLE], engine="dask")
+
+
+def fitted(samples: int = 2000, noise: float = 0.01, **how: Any) -> ps.PersidskiiIdentifier:
+    """Fit to a simulated run of the stable model with noise."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.normal(size=(samples // 20, 1)), 20, axis=0)
+    run = STABLE.simulate([1.0, -1.0], np.arange(samples) * 0.05, 2 * u)[0]
+    data = Trajectories.from_arrays(run.x + noise * rng.normal(size=run.x.shape), 2 * u, t=run.t)
+    return ps.PersidskiiIdentifier(["x", "tanh(x)"], **{"ridge": 1e-4, **how}).fit(data)
+
+
+def test_bootstrap_of_a_stable_system() -> None:
+    """Refits scatter about the fit as their errors say, and nearly all are certified, with rates and gains."""
+    fit = fitted()
+    found = ps.bootstrap(fit, 6, engine=None, seed=3, time_limit=20.0)
+    assert found.coefficients.shape == (6, *fit.coef_.shape)
+    assert found.share > 0.8
+    assert found.certified == len(found.rates) == len(found.gains)
+    low, high = found.quantiles("rates", [0.0, 1.0])
+    assert 0 < low < high
+    assert (np.abs(found.coefficients.mean(axis=0) - fit.coef_) <= 2 * found.deviation + 1e-12).all()
+    assert "of 6 refits" in str(found)
+    again = ps.bootstrap(fit, 6, engine=None, seed=3, time_limit=0.0)
+    assert np.array_equal(again.coefficients, found.coefficients)
+
+
+def test_the_spread_is_that_of_new_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The standard deviations of coefficients agree, to a factor of two, with those over repeated experiments."""
+    monkeypatch.setattr(
+        "persid.certified_fits.bootstrap.certify_many",
+        lambda models, **how: (batches.Failed("not asked"),) * len(models),
+    )
+    rng = np.random.default_rng(0)
+
+    def fit() -> ps.PersidskiiIdentifier:
+        u = np.repeat(rng.normal(size=(50, 1)), 20, axis=0)
+        run = STABLE.simulate([0.0, 0.0], np.arange(1000) * 0.05, 2 * u)[0]
+        data = Trajectories.from_arrays(run.x + 0.02 * rng.normal(size=run.x.shape), 2 * u, t=run.t)
+        return ps.PersidskiiIdentifier(["x"], ridge=0.0, x_ref=0.0, scale=1.0, window=16).fit(data)
+
+    repeated = np.stack([fit().coef_ for _ in range(16)]).std(axis=0)
+    drawn = np.mean([ps.bootstrap(fit(), 60, engine=None).deviation for _ in range(2)], axis=0)
+    ratio = (drawn / repeated)[:, :3]
+    assert (ratio > 0.5).all()
+    assert (ratio < 2).all()
+
+
+def test_an_interrupted_bootstrap_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C leaves the refits that have a verdict."""
+    fit, calls = fitted(), [0]
+    original = batches.certify
+
+    def certify(model: Any, **how: Any) -> Any:
+        calls[0] += 1
+        return original(model, **how) if calls[0] < 3 else Undecided(Reason.INTERRUPTED)
+
+    monkeypatch.setattr(batches, "certify", certify)
+    found = ps.bootstrap(fit, 8, engine=None)
+    assert len(found.models) == len(found.verdicts) == len(found.coefficients) == 2
+    assert calls[0] == 3
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ps.PersidskiiIdentifier(), "call fit first"),
+        (lambda: fitted(noise=0.0, method="edmd"), "Koopman"),
+        (lambda: fitted(200, refine=True), "refine=True"),
+    ],
+)
+def test_fits_that_cannot_be_repeated(make: Any, message: str) -> None:
+    """Bootstrap refuses a fit that its Gram matrices do not determine."""
+    with pytest.raises(ps.DataError, match=message):
+        ps.bootstrap(make(), 3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_on_a_cluster() -> None:
+    """On Dask the answers are those of this process, in order."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
+        ) as local,
+        distributed.Client(local) as client,
+    ):
+        answers = ps.certify_many([UNSTABLE, "absent.json", STABLE], engine=client)
+    assert names(answers) == ["Refuted", "Failed", "Certified"]
