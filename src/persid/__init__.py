@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from persid.errors import GeneratorError as GeneratorError
     from persid.errors import ModelError as ModelError
     from persid.errors import PersidError as PersidError
+    from persid.errors import RejectedError as RejectedError
     from persid.errors import UnderdeterminedError as UnderdeterminedError
     from persid.identification.identifier import PersidskiiIdentifier as PersidskiiIdentifier
     from persid.lyapunov.operating_points import OperatingPoint as OperatingPoint
@@ -52,7 +53,14 @@ _HOMES = {
     "persid.certified_fits.identifier": ("CertifiedIdentifier",),
     "persid.models.equations": ("equations",),
     "persid.lyapunov.operating_points": ("OperatingPoint", "find_operating_point"),
-    "persid.errors": ("DataError", "GeneratorError", "ModelError", "PersidError", "UnderdeterminedError"),
+    "persid.errors": (
+        "DataError",
+        "GeneratorError",
+        "ModelError",
+        "PersidError",
+        "RejectedError",
+        "UnderdeterminedError",
+    ),
     "persid.identification.identifier": ("PersidskiiIdentifier",),
     "persid.models.model": ("PersidskiiModel", "load_model"),
     "persid.networks.certificate": ("NetworkCertificate",),
@@ -87,6 +95,7 @@ __all__ = [
     "Recordings",
     "Refuted",
     "Rejected",
+    "RejectedError",
     "Trajectories",
     "Trajectory",
     "Undecided",

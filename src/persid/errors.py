@@ -21,6 +21,10 @@ class UnderdeterminedError(PersidError, ValueError):
     """A fit with fewer independent samples than unknown coefficients."""
 
 
+class RejectedError(PersidError, ValueError):
+    """A certificate that `persid_check` does not accept: rejected, or malformed; the message gives its reason."""
+
+
 class RoundingError(PersidError):
     """The margin of a floating-point solution was lost when its numbers became exact."""
 

@@ -9,7 +9,7 @@ from persid._dyadics import dyadic, dyadics, rounded, value
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import factor
 from persid.certificates.stability import write
-from persid.errors import RoundingError
+from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.search import search
@@ -62,10 +62,10 @@ def test_tampered_number_is_rejected() -> None:
     """A certificate with P made zero, or with a multiplier made negative, is refused with the checker's reason."""
     model, lyapunov = _found("damped tanh")
     content = json.loads(write(model, lyapunov))
-    with pytest.raises(RoundingError, match="checker"):
+    with pytest.raises(RejectedError, match="checker"):
         Certificate.accept(json.dumps(content | {"P": {"diagonal": [[0, 0], [0, 0]]}}).encode())
     content["gamma"] = [-1, 0]
-    with pytest.raises(RoundingError, match="checker"):
+    with pytest.raises(RejectedError, match="checker"):
         Certificate.accept(json.dumps(content).encode())
 
 

@@ -68,6 +68,32 @@ def test_a_ring_is_certified_and_its_certificate_read_back(tmp_path: Path) -> No
     assert isinstance(ps.check(loaded, ring_model(500, 0.4)), ps.Rejected)
 
 
+@pytest.mark.parametrize("order", [sorted, lambda names: sorted(names, reverse=True)], ids=["sorted", "reversed"])
+@pytest.mark.parametrize("n", [5, 500])
+def test_a_certificate_is_known_by_its_claim_not_by_its_bytes(tmp_path: Path, n: int, order: Any) -> None:
+    """A file written compactly, its fields in any order, loads as the same claim; the checker accepts it, too."""
+    certificate = certify_network(ring_model(n, 0.5), True, quiet)
+    assert isinstance(certificate, NetworkCertificate)
+    certificate.save(tmp_path / "ring.json")
+    shuffled = {name: certificate.content[name] for name in order(certificate.content)}
+    (tmp_path / "ring.json").write_text(json.dumps(shuffled, separators=(",", ":")), encoding="utf-8")
+    assert isinstance(ps.check(tmp_path / "ring.json"), ps.Accepted)
+    loaded = ps.load_certificate(tmp_path / "ring.json")
+    assert isinstance(loaded, NetworkCertificate)
+    assert loaded.rate == certificate.rate
+    assert loaded.model.sha256 == certificate.model.sha256
+
+
+@pytest.mark.parametrize(
+    "text", [b"", b"[]", b"{", b'{"claim": "L1"}', b'{"claim": "L1", "companion": {"npz": "../w.npz"}}', b"\xff"]
+)
+def test_what_is_no_certificate_is_refused_by_name(tmp_path: Path, text: bytes) -> None:
+    """Bytes that hold no certificate are refused with the checker's reason, whatever they are."""
+    (tmp_path / "none.json").write_bytes(text)
+    with pytest.raises(ps.RejectedError, match="the checker does not accept it"):
+        ps.load_certificate(tmp_path / "none.json")
+
+
 @pytest.mark.parametrize("member", ["w", "A0.values", "A0.rows", "terms.3.A.starts", "B.values"])
 def test_a_changed_companion_is_malformed(tmp_path: Path, member: str) -> None:
     """A companion with one number changed is malformed, even if the file names its hash; weights are rejected then."""

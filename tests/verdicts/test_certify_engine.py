@@ -128,10 +128,10 @@ def test_infeasible_models_are_never_candidates() -> None:
 
 def test_rejected_certificate_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     """When the checker rejects a file the verdict says so and is not Certified."""
-    from persid.errors import RoundingError
+    from persid.errors import RejectedError
 
     def refuse(data: bytes) -> Certificate:
-        raise RoundingError("the checker does not accept it: Q: not positive definite")
+        raise RejectedError("the checker does not accept it: Q: not positive definite")
 
     monkeypatch.setattr(Certificate, "accept", refuse)
     monkeypatch.setattr(certify_module, "certify_network", lambda *question: None)

@@ -18,8 +18,9 @@ from persid._dyadics import value
 from persid._files import write_atomically
 from persid.certificates import bounds
 from persid.certificates.encoding import plain_model
-from persid.errors import ModelError, PersidError, RoundingError
+from persid.errors import ModelError, PersidError, RejectedError
 from persid.models.model import PersidskiiModel
+from persid_check.results import Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +40,11 @@ class Certificate:
         """Return the certificate that these bytes are, if the checker accepts them as a proof of stability.
 
         Raises:
-            RoundingError: the checker rejects them or finds them malformed; the message gives its reason.
+            RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
         answer = persid_check.check(data)
         if not isinstance(answer, persid_check.Accepted) or answer.claim not in ("G", "M", "E", "R"):
-            where = getattr(answer, "where", "claim")
-            raise RoundingError(f"the checker does not accept it: {where}: {getattr(answer, 'why', answer)}")
+            raise rejected(answer)
         return cls(data, answer.claim, answer.statement, answer.steps)
 
     def __repr__(self) -> str:
@@ -203,3 +203,13 @@ class Certificate:
                 integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y
                 total = total + 2 * weight * integral
         return total
+
+
+def rejected(answer: Result) -> RejectedError:
+    """Return the error that says why the checker does not accept a file, or that it accepts another claim."""
+    why = (
+        f"it proves claim {answer.claim}"
+        if isinstance(answer, persid_check.Accepted)
+        else f"{answer.where}: {answer.why}"
+    )
+    return RejectedError(f"the checker does not accept it: {why}")

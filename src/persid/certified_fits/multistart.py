@@ -14,7 +14,7 @@ from persid.certified_fits.bilinear import Point
 from persid.certified_fits.descent import Descent, Stop, descend
 from persid.certified_fits.joint_problem import Coefficients, Demand, Frame, about
 from persid.certified_fits.polish import polish
-from persid.errors import RoundingError
+from persid.errors import RejectedError, RoundingError
 from persid.identification.gram import Gram
 from persid.identification.refinement import Pieces
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, prove
@@ -351,7 +351,7 @@ def certificate_of(task: Task, frame: Frame, model: PersidskiiModel, point: Poin
             data = _bytes(task, frame, model, point, equilibrium)
             if data is not None:
                 return Certificate.accept(data)
-        except RoundingError:
+        except (RejectedError, RoundingError):
             continue
     return None
 

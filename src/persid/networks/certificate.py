@@ -18,8 +18,9 @@ import persid_check
 from persid._dyadics import dyadic, dyadics, rounded, value
 from persid._files import write_atomically
 from persid.certificates import bounds
+from persid.certificates.certificate import rejected
 from persid.certificates.encoding import FORMAT, encode, plain_model
-from persid.errors import ModelError, RoundingError
+from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
 from persid.models.model import PersidskiiModel
 from persid.networks.weights import Network, Perron, Weights, find_weights, network
@@ -50,11 +51,11 @@ class NetworkCertificate:
         """Return the certificate that these bytes are, if the checker accepts them.
 
         Raises:
-            RoundingError: the checker rejects them or finds them malformed; the message gives its reason.
+            RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
         answer = persid_check.check(data, arrays=arrays)
         if not isinstance(answer, persid_check.Accepted) or answer.claim != "L1":
-            raise _refusal(answer)
+            raise rejected(answer)
         return cls(data, arrays, model, answer.statement, answer.steps)
 
     def __repr__(self) -> str:
@@ -194,7 +195,7 @@ def prove(model: PersidskiiModel, net: Network, found: Weights, every: bool) -> 
     """Return the certificate of weights, its numbers rounded, if the checker accepts it.
 
     Raises:
-        RoundingError: it does not; the message gives its reason.
+        RejectedError: it does not; the message gives its reason.
     """
     w = rounded(found.w)
     parts = {
@@ -228,14 +229,13 @@ def load(data: bytes, folder: Path) -> NetworkCertificate:
     """Return the certificate of claim L1 that a file holds, whose companion stands in a folder.
 
     Raises:
-        RoundingError: the checker does not accept it.
+        RejectedError: the checker does not accept it.
     """
     content = json.loads(data)
-    entry = content.get("companion")
-    arrays = None if entry is None else (folder / Path(str(entry.get("npz"))).name).read_bytes()
+    arrays = _companion(content.get("companion"), folder)
     answer = persid_check.check(data, arrays=arrays)
     if not isinstance(answer, persid_check.Accepted) or answer.claim != "L1":
-        raise _refusal(answer)
+        raise rejected(answer)
     if arrays is None:
         model = PersidskiiModel.from_dict(plain_model(content["model"]))
     else:
@@ -244,9 +244,12 @@ def load(data: bytes, folder: Path) -> NetworkCertificate:
     return NetworkCertificate(data, arrays, model, answer.statement, answer.steps)
 
 
-def _refusal(answer: Any) -> RoundingError:
-    where, why = getattr(answer, "where", "claim"), getattr(answer, "why", answer)
-    return RoundingError(f"the checker does not accept it: {where}: {why}")
+def _companion(entry: Any, folder: Path) -> bytes | None:
+    """Return the bytes of the companion that a file names; what is no plain file name is left to the checker."""
+    name = entry.get("npz") if isinstance(entry, dict) else None
+    if not (isinstance(name, str) and persid_check.companion.NAME.fullmatch(name)):
+        return None
+    return (folder / name).read_bytes()
 
 
 def certify_network(
@@ -271,7 +274,7 @@ def certify_network(
             progress("a weighted l1 norm: writing and checking")
             try:
                 return prove(model, net, found, every)
-            except RoundingError:
+            except RejectedError:
                 continue
         obstruction = obstruct(model, net, found) if isinstance(found, Perron) else None
     return obstruction

@@ -19,7 +19,7 @@ from persid._files import write_atomically
 from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
-from persid.errors import FolderError, RoundingError
+from persid.errors import FolderError, RejectedError
 from persid.identification.diagnostics import Excitation, FitReport, Spectrum
 from persid.identification.free_runs import Score
 from persid.identification.validation import Curve
@@ -179,7 +179,6 @@ def read_results(folder: Path) -> Results:
 
     Raises:
         FolderError: files are missing, or do not belong together.
-        RoundingError: the checker does not accept the certificate.
     """
     if not (folder / MODEL).is_file():
         raise FolderError(f"{folder}: there is no {MODEL}; give the folder that persid run has written (-o)")
@@ -211,7 +210,7 @@ def _read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt,
 def _certificate(path: Path, model: PersidskiiModel) -> Certificate | NetworkCertificate:
     try:
         certificate = load_certificate(path)
-    except RoundingError as error:
+    except RejectedError as error:
         raise FolderError(f"{path}: {error}") from None
     if certificate.content["model_sha256"] != model.sha256:
         raise FolderError(f"{path}: it speaks of another model than {MODEL}; run persid run again")

@@ -15,7 +15,7 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import Obstruction, find_obstruction
 from persid.certificates.stability import write
 from persid.certificates.witness import find_witness
-from persid.errors import ModelError, RoundingError
+from persid.errors import ModelError, RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
@@ -287,7 +287,7 @@ def _settled(setting: Setting, find: Callable[[], Lyapunov | _Failure], log: _Lo
             if not dropped:
                 log.progress("checking in exact arithmetic")
                 return Certificate.accept(write(setting.model, found, setting.point, setting.box, reach=setting.reach))
-        except RoundingError as error:
+        except (RejectedError, RoundingError) as error:
             return _Failure(Reason.ROUNDING, str(error))
         for line in dropped:
             log.progress(f"not proved and dropped: {line}")

@@ -7,24 +7,31 @@ from typing import Any
 import persid_check
 from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
-from persid.networks.certificate import NetworkCertificate, is_large
-from persid_check.results import Result
+from persid.networks.certificate import NetworkCertificate, is_large, load
+from persid_check import json_text
+from persid_check.results import FormatError, Result
 
 
-def load_certificate(path: str | Path) -> Any:
+def load_certificate(path: str | Path) -> Certificate | NetworkCertificate:
     """Read a certificate; the checker reads it too, and what it does not accept is refused.
 
     Of claim L1 it is a NetworkCertificate; its companion of large arrays is looked for in the same folder.
 
     Raises:
-        RoundingError: the checker does not accept the file.
+        OSError: the file, or its companion, cannot be read.
+        RejectedError: the checker does not accept the file.
     """
     data = Path(path).read_bytes()
-    if b'"claim": "L1"' in data[:400]:
-        from persid.networks.certificate import load
+    return load(data, Path(path).parent) if _claim(data) == "L1" else Certificate.accept(data)
 
-        return load(data, Path(path).parent)
-    return Certificate.accept(data)
+
+def _claim(data: bytes) -> Any:
+    """Return what the file names as its claim; None where it is no JSON object: the checker says why."""
+    try:
+        content = json_text.read(data, floats=False)
+    except FormatError:
+        return None
+    return content.get("claim") if isinstance(content, dict) else None
 
 
 def check(
