@@ -12,6 +12,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import GridSearchCV, KFold, cross_val_score
 
 import places
+from persid.identification.baselines import arx
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.measurements.readers import read_csv
 
@@ -28,7 +29,14 @@ import json, warnings
 warnings.simplefilter("ignore")
 from sklearn.utils.estimator_checks import check_estimator
 from persid.identification.identifier import PersidskiiIdentifier
-estimator = PersidskiiIdentifier(["x", "tanh(x)"], allow_underdetermined=True)
+class Sampled(PersidskiiIdentifier):  # the checks give neither times nor names: arrays 1 s apart, targets left out
+    def fit(self, X, y=None):
+        return super().fit(X, dt=1.0)
+    def predict(self, X):
+        return super().predict(X, dt=1.0)
+    def score(self, X, y=None):
+        return super().score(X, dt=1.0)
+estimator = Sampled(["x", "tanh(x)"], allow_underdetermined=True)
 results = check_estimator(estimator, on_fail=None, on_skip=None)
 failed = {r["check_name"]: str(r["exception"]) for r in results if r["status"] == "failed"}
 print(json.dumps([len(results), failed]))
@@ -44,6 +52,68 @@ def test_the_estimator_checks_pass():
     count, failed = json.loads(done.stdout)
     assert not set(failed) - set(EXCEPTIONS), failed
     assert count > 30
+
+
+RUN = TRAFFIC[0]
+TABLE = TRAFFIC.to_dataframe().droplevel(0)
+SHUFFLED = TABLE[["u"]].sample(frac=1, random_state=0)
+WRONG_CALLS = {
+    "inputs second": ((RUN.x, RUN.u), {"dt": 0.03}, r"inputs go by name, fit\(X, u=u"),
+    "inputs and outputs": ((), {"X": RUN.u, "y": RUN.x, "dt": 0.03}, "X holds the states"),
+    "trajectories and targets": ((TRAFFIC, RUN.u), {}, "second argument"),
+    "no times": ((RUN.x,), {"u": RUN.u}, r"without times; give the step dt="),
+    "a frame without times": ((TABLE[["x1", "x2"]].reset_index(drop=True),), {}, "no time"),
+    "two clocks": ((RUN.x,), {"t": RUN.t, "dt": 0.03}, "give one of them"),
+    "another index": (
+        (TABLE[["x1", "x2"]],), {"u": TABLE[["u"]].set_axis(TABLE.index + 5)}, "different indexes .u begins at 5.0, x"
+    ),
+    "other rows": ((TABLE[["x1", "x2"]],), {"u": TABLE[["u"]].iloc[1:]}, "u has"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG_CALLS)
+def test_calls_that_would_ignore_something_are_refused(case):
+    """An argument that would be ignored, a time that is not there and an index that does not fit are errors."""
+    given, named, words = WRONG_CALLS[case]
+    with pytest.raises(ValueError, match=words):
+        PersidskiiIdentifier(["x"], ridge=1e-3).fit(*given, **named)
+
+
+RIGHT_CALLS = {
+    "time as a column": ((TABLE[["x1", "x2"]].reset_index(),), {"u": TABLE["u"]}, "'t' is taken as a time"),
+    "time as an index": ((TABLE[["x1", "x2"]],), {"u": TABLE["u"]}, ""),
+    "rows by index": ((TABLE[["x1", "x2"]],), {"u": SHUFFLED}, "in the order of those of x"),
+    "rows by position": ((TABLE[["x1", "x2"]],), {"u": RUN.u}, ""),
+    "a step beside a column": (
+        (TABLE[["x1", "x2"]].reset_index(),), {"u": RUN.u, "dt": float(RUN.t[1])}, "'t' is taken as a time"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", RIGHT_CALLS)
+def test_tables_are_put_together_by_their_labels(case):
+    """Times in a column or an index are no state, and inputs find their rows by their index; both are said."""
+    given, named, words = RIGHT_CALLS[case]
+    fit = PersidskiiIdentifier(["x"], ridge=1e-3).fit(*given, **named)
+    whole = PersidskiiIdentifier(["x"], ridge=1e-3).fit(TRAFFIC)
+    assert fit.model_.states == ("x1", "x2")
+    assert np.allclose(fit.coef_, whole.coef_, rtol=1e-6)
+    assert words in " ".join(fit.report_.notes)
+
+
+def test_scores_refuse_a_target():
+    """score(x, u) and baselines that get a target are refused, too."""
+    fit = PersidskiiIdentifier(["x"], ridge=1e-3).fit(TRAFFIC)
+    for call in (fit.score, arx().fit):
+        with pytest.raises(ValueError, match="would be ignored"):
+            call(RUN.x, RUN.u, dt=0.03)
+
+
+def test_a_report_of_a_fit_is_one_line():
+    """A notebook shows the score of a fit, not every number that validation tried."""
+    report = PersidskiiIdentifier(["x"], ridge=1e-3).fit(TRAFFIC).report_
+    assert repr(report).startswith("FitReport(weak, ")
+    assert len(repr(report)) < 120
 
 
 def test_clones_and_parameters():

@@ -71,6 +71,29 @@ def test_a_file_gives_the_same_bits_back(tmp_path_factory, values):
     assert again.A0.tobytes() == model.A0.tobytes()
 
 
+def test_models_are_equal_where_their_numbers_are(tmp_path):
+    """A model that was saved and loaded is the same one, whatever its provenance; another number makes another model."""
+    model = PersidskiiModel([[-1.0]], [("x**3", None, [[-0.1]])], [[0.5]], provenance={"method": "weak"})
+    model.save(tmp_path / "model.json")
+    again = load_model(tmp_path / "model.json")
+    assert again == model
+    assert len({again, model}) == 1
+    assert model != PersidskiiModel([[-1.0]], [("x**3", None, [[-0.2]])], [[0.5]])
+    assert model != "model"
+
+
+def test_several_initial_states_are_several_runs():
+    """Rows of x0 are simulated one by one under the same input, and a flat list of the wrong length is refused."""
+    model = PersidskiiModel([[-1.0]], B=[[1.0]])
+    t = np.linspace(0, 1, 11)
+    runs = model.simulate([[1.0], [2.0]], t, np.ones(11))
+    assert [len(run) for run in runs] == [11, 11]
+    assert np.array_equal(runs[1].x, model.simulate([2.0], t, np.ones(11))[0].x)
+    for wrong in ([1.0, 2.0], np.zeros((0, 1))):
+        with pytest.raises(ModelError, match="x0"):
+            model.simulate(wrong, t)
+
+
 def test_models_can_be_pickled():
     """A pickled model is the same model."""
     assert pickle.loads(pickle.dumps(SMALL)).to_dict() == SMALL.to_dict()

@@ -38,6 +38,7 @@ from persid.identification import free_runs as freerun
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.refinement import Pieces
 from persid.lyapunov.shifted_model import undefined
+from persid.measurements.arrays import refuse_target
 from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
 from persid.verdicts.certify import certify
@@ -321,8 +322,9 @@ class CertifiedIdentifier(BaseEstimator):
         return self.model_.simulate(x0, t, u)
 
     def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
-        """Return the R2 of free runs over all runs, the mean over states; y is ignored."""
+        """Return the R2 of free runs over all runs, the mean over states; y is refused."""
         check_is_fitted(self, "model_")
+        refuse_target(None if self.free_.method == "derivative" else y)
         return freerun.free_run_score(self.model_, self.free_._known(X, u, t, dt), self.free_.hold).r2_mean
 
 

@@ -19,7 +19,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from persid.errors import DataError
 from persid.identification.free_runs import REACH, Score, box, free_run_score
-from persid.measurements.arrays import as_trajectories
+from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.trajectories import Trajectories, Trajectory
 
 LAGS = 2
@@ -47,11 +47,12 @@ class OneStepRegressor(BaseEstimator):
         """Fit the map to all pairs of consecutive samples; runs are never paired across their ends.
 
         Raises:
-            DataError: an unknown kind, or no run longer than the lags.
+            DataError: an unknown kind, no run longer than the lags, or y is given.
         """
+        refuse_target(y)
         if self.kind not in _FEATURES:
             raise DataError(f"kind={self.kind!r}; choose one of {', '.join(_FEATURES)}")
-        data, _ = as_trajectories(X, u, t, dt)
+        data = as_trajectories(X, u, t, dt)
         runs = [run for run in data if len(run) > self.lags]
         if not runs:
             raise DataError(f"no run has more than {self.lags} samples")
@@ -98,8 +99,9 @@ class OneStepRegressor(BaseEstimator):
         return free_run_score(self, data, past=self.lags)
 
     def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: Any = None) -> float:
-        """Return the mean R2 of free runs; y is ignored."""
-        return self.free_run(as_trajectories(X, u, t, dt)[0]).r2_mean
+        """Return the mean R2 of free runs; y is refused."""
+        refuse_target(y)
+        return self.free_run(as_trajectories(X, u, t, dt)).r2_mean
 
 
 def _past(x: Float[ndarray, "N n"], u: Float[ndarray, "N m"], lags: int) -> Float[ndarray, "k f"]:

@@ -39,7 +39,7 @@ class Spectrum:
     limit: float = ALIASING * np.pi
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitReport:
     """Figures of a fit. Scores are of a model fitted without the held-out tails; the delivered model uses all data.
 
@@ -71,6 +71,11 @@ class FitReport:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     spectrum: Spectrum | None = None
+
+    def __repr__(self) -> str:
+        score = "not scored" if self.free_run is None else f"free run R2 {self.free_run.r2_mean:.4f}"
+        said = f"{len(self.notes)} notes, {len(self.warnings)} warnings"
+        return f"FitReport({self.method}, {self.rows} rows, {self.columns} columns, {score}, {said})"
 
     def __str__(self) -> str:
         rows = [

@@ -33,7 +33,7 @@ from persid.identification.validation import (
     validation_curve,
 )
 from persid.identification.weak import choose_window
-from persid.measurements.arrays import as_trajectories
+from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.opening import recordings_of
 from persid.measurements.recordings import (
     Measurements,
@@ -135,15 +135,16 @@ class PersidskiiIdentifier(BaseEstimator):
         """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them; or, chunk by chunk, to what
         `persid.open_recordings` returns, to a Dask array or to a Dask DataFrame of states.
 
-        y is x' (N, n) in state units per s for method="derivative", where given, and ignored otherwise; u (N, m), and t
-        or dt in s, go with arrays and DataFrames.
+        y is x' (N, n) in state units per s for method="derivative", and refused otherwise. u (N, m), and t or dt in s,
+        go with arrays and DataFrames; a DataFrame may bring its times as a column or an index named t or time.
 
         Raises:
-            DataError: the data or an option cannot be used.
+            DataError: the data or an option cannot be used, times are missing, or y would be ignored.
             UnderdeterminedError: fewer samples than unknown coefficients.
             GeneratorError: the Koopman matrix has no trustworthy logarithm (method="edmd").
         """
         _check_options(self)
+        refuse_target(None if self.method == "derivative" else y)
         measured, notes = self._measured(X, u, t, dt)
         data = self._embedded(measured)
         problem, window = self._problem(data, measured, y)
@@ -163,7 +164,7 @@ class PersidskiiIdentifier(BaseEstimator):
     def _measured(self, X: Any, u: Any, t: Any, dt: float | int | None) -> tuple[Measurements, tuple[str, ...]]:
         """Return the data of a fit, in memory or not."""
         if not is_large(X):
-            return as_trajectories(X, u, t, dt)
+            return as_trajectories(X, u, t, dt), ()
         _refuse_in_memory_only(self)
         found = recordings_of(X, u, t, dt)
         return found, (_OUT_OF_CORE.format(size=found),)
@@ -306,7 +307,7 @@ class PersidskiiIdentifier(BaseEstimator):
         check_is_fitted(self, "model_")
         if is_large(X):
             raise DataError("predictions and scores need the data in memory; give some of the runs as Trajectories")
-        data, _ = as_trajectories(X, u, t, dt)
+        data = as_trajectories(X, u, t, dt)
         given = (len(data.states), len(data.inputs))
         if given != (self.n_states_in_, self.n_inputs_in_):
             raise DataError(
@@ -326,7 +327,12 @@ class PersidskiiIdentifier(BaseEstimator):
         return self.model_.simulate(x0, t, u)
 
     def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
-        """Return the R2 of free runs over all runs, the mean over states; y is ignored. One-step R2 says nothing."""
+        """Return the R2 of free runs over all runs, the mean over states. One-step R2 says nothing.
+
+        Raises:
+            DataError: the data cannot be used, or y would be ignored.
+        """
+        refuse_target(None if self.method == "derivative" else y)
         return freerun.free_run_score(self.model_, self._known(X, u, t, dt), self.hold).r2_mean
 
     def get_feature_names_out(self, input_features: Any = None) -> ndarray:

@@ -9,12 +9,11 @@ import pandas as pd
 
 from persid._libraries import library
 from persid.errors import DataError
-from persid.measurements.tables import TIME_NAMES
+from persid.measurements.tables import TIME_NAMES, Columns, Table, _assemble
 from persid.measurements.trajectories import Trajectories, Trajectory
 
 if TYPE_CHECKING:
     from xarray import Dataset
-from persid.measurements.tables import Columns, Table, _assemble
 
 
 def trajectories_of_frames(
@@ -29,10 +28,83 @@ def trajectories_of_frames(
     if not frames or not all(isinstance(item, pd.DataFrame) for item in frames):
         raise DataError("a DataFrame, or a list of them, is needed")
     tables = [table for i, item in enumerate(frames) for table in _episodes(f"table {i + 1}", item, time, dt)]
+    notes: tuple[str, ...] = ()
     if states is None:
-        taken = {*inputs, time, *(() if dt is not None else TIME_NAMES)}
-        states = [str(column) for column in tables[0].frame.columns if str(column).strip() not in taken]
-    return _assemble(iter(tables), Columns(tuple(states), tuple(inputs), time, dt, np.inf, "error"))
+        names = [str(column) for column in tables[0].frame.columns]
+        states = [name for name in names if name not in (*inputs, time) and not is_clock(name)]
+        clocks = [name for name in names if is_clock(name) and name not in (*inputs, time)]
+        if clocks and clocks[0] in map(str, frames[0].columns):
+            notes = (f"the column {clocks[0]!r} is taken as a time, not as a state",)
+    data = _assemble(iter(tables), Columns(tuple(states), tuple(inputs), time, dt, np.inf, "error"))
+    return replace(data, notes=(*data.notes, *notes))
+
+
+def is_clock(name: Any) -> bool:
+    """Whether a column or an index is named as a time is."""
+    return str(name).strip().lower() in TIME_NAMES
+
+
+def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Trajectories:
+    """Return the trajectories of frames of states, with inputs u (frames or arrays) and times t or a step dt in s.
+
+    Inputs with an index of their own are put beside the states by it. A column or an index named t or time is the time.
+
+    Raises:
+        DataError: tables do not fit together, or there are no times.
+    """
+    frames = [_as_frame(frame, "x") for frame in frames]
+    if any(list(frame.columns) != list(frames[0].columns) for frame in frames):
+        raise DataError("the tables of a list need the same columns")
+    many = isinstance(u, list | tuple) and len(frames) > 1
+    extra = list(u) if many else [u] * (1 if len(frames) == 1 else 0) or [None] * len(frames)
+    clocks = list(t) if len(frames) > 1 and t is not None else [t] * len(frames)
+    if not len(frames) == len(extra) == len(clocks):
+        raise DataError(f"X has {len(frames)} tables, u {len(extra)} and t {len(clocks)}; give one of each for each")
+    notes: list[str] = []
+    inputs: list[str] = []
+    joined = []
+    for frame, more, clock in zip(frames, extra, clocks, strict=True):
+        if more is not None:
+            table = _aligned(_timed(frame), _timed(_as_frame(more, "u")), notes)
+            inputs = [str(column) for column in table.columns if not is_clock(column)]
+            frame = frame.assign(**dict(zip(inputs, table[inputs].to_numpy().T, strict=True)))
+        if clock is not None:
+            frame = frame.drop(columns=[c for c in frame.columns if is_clock(c)])
+            frame = frame.set_axis(pd.Index(np.asarray(clock, float), name="t"), axis=0)
+        joined.append(frame)
+    data = trajectories_of_frames(joined, None, inputs, None, dt)
+    return replace(data, notes=(*data.notes, *dict.fromkeys(notes)))
+
+
+def _as_frame(value: Any, letter: str) -> pd.DataFrame:
+    """Return a table of a frame, a series or an array, columns without a name called x1, x2, ... or u1, u2, ..."""
+    if isinstance(value, pd.Series):
+        value = value.to_frame(None if value.name is None else str(value.name))
+    if not isinstance(value, pd.DataFrame):
+        value = value.to_pandas() if hasattr(value, "to_pandas") else pd.DataFrame(np.asarray(value))
+    names = [c if isinstance(c, str) else f"{letter}{k + 1}" for k, c in enumerate(value.columns)]
+    return value.set_axis(names, axis=1)
+
+
+def _timed(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose column of times is its index, where it has no other."""
+    clocks = [column for column in frame.columns if is_clock(column)]
+    return frame.set_index(clocks[0]) if clocks and isinstance(frame.index, pd.RangeIndex) else frame
+
+
+def _aligned(frame: pd.DataFrame, inputs: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
+    """Return the inputs in the order of the states: by their index, or by position where they have none of their own."""
+    if len(inputs) != len(frame):
+        raise DataError(f"u has {len(inputs)} rows but x has {len(frame)}; give one input per state sample")
+    if inputs.index.equals(frame.index) or any(isinstance(one.index, pd.RangeIndex) for one in (frame, inputs)):
+        return inputs
+    if set(inputs.index) == set(frame.index) and inputs.index.is_unique:
+        notes.append("the rows of u were put in the order of those of x, by their index")
+        return inputs.reindex(frame.index)
+    raise DataError(
+        f"u and x have different indexes (u begins at {inputs.index[0]}, x at {frame.index[0]}); give both the same, "
+        "or u.to_numpy() where the rows match by position"
+    )
 
 
 def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int | None) -> Iterator[Table]:

@@ -87,6 +87,13 @@ class PersidskiiModel:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same model, number for number; provenance does not count."""
+        return self.sha256 == other.sha256 if isinstance(other, PersidskiiModel) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
     def _repr_html_(self) -> str:
         from persid.models.tables import of_model
 
@@ -165,7 +172,8 @@ class PersidskiiModel:
 
         A model that is too fast or too stiff to be followed ends with `stopped_at` set; nothing follows from that.
 
-        u is (N, m), held from each sample to the next, or a function of t, or None for u_ref.
+        x0 is one state (n,), or several (k, n), one run each. u is (N, m), held from each sample to the next, or a
+        function of t, or None for u_ref; all runs have the same.
 
         Raises:
             ModelError: x0, t or u has the wrong shape.
@@ -174,14 +182,16 @@ class PersidskiiModel:
 
         if self.is_sparse:
             return self.dense().simulate(x0, t, u, rtol=rtol, atol=atol)
-        x0 = _array("x0", x0, (self.n,))
+        starts = [_array("x0", x, (self.n,)) for x in (x0 if np.ndim(x0) == 2 else [x0])]
+        if not starts:
+            raise ModelError("x0 holds no state; give one (n,), or several (k, n)")
         t = np.array(t, float)
         if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
             raise ModelError("t needs at least two strictly increasing times in s")
         if not (u is None or callable(u)):
             u = np.asarray(u, float)
             u = _array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
-        return Trajectories((integrate(self, x0, t, u, rtol, atol),), self.states, self.inputs)
+        return Trajectories(tuple(integrate(self, x, t, u, rtol, atol) for x in starts), self.states, self.inputs)
 
     def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
         """Return rhs(t, x, u=None), x' for one state (n,) and input (m,), u = None meaning u_ref, for SciPy's solvers.
