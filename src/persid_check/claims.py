@@ -13,10 +13,6 @@ from persid_check.format import GroupProof, Stability
 from persid_check.inequality import Inequality, assemble, density, gamma_matrix, quadratic_form
 from persid_check.model import Group
 from persid_check.prover import (
-    Curve,
-    Domain,
-    Form,
-    Shift,
     prove_continuous,
     prove_integral_lower,
     prove_integral_unbounded,
@@ -28,6 +24,7 @@ from persid_check.prover import (
     prove_strictly_increasing,
 )
 from persid_check.results import NotProvedError
+from persid_check.side import Curve, Domain, Form, Shift
 
 MAX_REGIONAL = 200  # states: an exact inverse is computed
 

@@ -350,12 +350,12 @@ def _vectors(where: str, value: Any, size: int) -> Forms:
 
 
 def _expression(where: str, text: Any) -> str:
-    read_text(where, text, 5000)
+    expression = read_text(where, text, 5000)
     try:
-        parse(text)
+        parse(expression)
     except ExpressionError as error:
         raise FormatError(where, str(error)) from None
-    return text
+    return expression
 
 
 def _choice(value: Any, subject: NetworkSubject, kinds: tuple[Kind, ...]) -> "Sequence[int] | ndarray":

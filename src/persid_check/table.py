@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from numpy import ndarray
 
 MAX_TABLE = 2**28  # coefficients, zeros included
+Placed = tuple[Columns | None, "ndarray", "ndarray"]  # a matrix, the nodes of its columns, and their slots
+
 BLOCK = 2**16  # entries that are summed at a time
 LARGE = 2.0**300  # numbers beyond, or below its inverse, could overflow or underflow in a product: not summed here
 SMALL_RAY = 2.0**-200
@@ -102,7 +104,7 @@ def table_of_sparse(model: SparseModel) -> Table:
     parts = [_channels(t, term, model.n, pairs) for t, term in enumerate(model.terms)]
     slots, kind, kinds = _slots(parts, model.n, list(pairs))
     width = 1 + max(len(functions) for functions in kinds)
-    matrices = [(model.A0, np.arange(model.n), np.zeros(model.n, np.int8))]
+    matrices: list[Placed] = [(model.A0, np.arange(model.n), np.zeros(model.n, np.int8))]
     for term, part, slot in zip(model.terms, parts, slots, strict=True):
         if term.A is not None:
             matrices.append((_chosen(term.A, part.column), part.node, slot))
@@ -182,7 +184,7 @@ def _chosen(A: Columns, columns: "ndarray") -> Columns:
     return Columns((A.shape[0], len(columns)), starts, A.rows[place], A.values[place])
 
 
-def _table(n: int, width: int, kinds: tuple[Functions, ...], kind: "ndarray", matrices: Sequence[tuple]) -> Table:
+def _table(n: int, width: int, kinds: tuple[Functions, ...], kind: "ndarray", matrices: Sequence[Placed]) -> Table:
     """Lay the matrices over each other: one entry for each (row, node) off the diagonal where any has one."""
     import numpy as np
 

@@ -66,7 +66,8 @@ def _power_series(name: str, x: arb_series, center: arb, count: int) -> arb_seri
     one = arb_series([1], prec=count)
     match name:
         case "exp" | "sin" | "cos" | "tan" | "erf":
-            return getattr(x, name)()
+            found: arb_series = getattr(x, name)()
+            return found
         case "expm1":
             return x.exp() - one
         case "log1p":

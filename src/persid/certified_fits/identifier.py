@@ -102,7 +102,7 @@ def rated(
     return Certified(found.certificate, verdict.attempts + found.attempts)
 
 
-class CertifiedIdentifier(BaseEstimator):
+class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """Fit a model under the condition that its input-to-state stability has a proof that the checker accepts.
 
     estimator: a PersidskiiIdentifier, fitted or not; its method, functions, pattern and other options are taken over.

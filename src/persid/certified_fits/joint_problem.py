@@ -21,7 +21,7 @@ from persid.lyapunov.inequality import assemble
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import NEGLIGIBLE, Chosen, Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
-from persid.lyapunov.sectors import Group, Place, groups, nondecreasing_pool, pool
+from persid.lyapunov.sectors import Curve, Group, Place, groups, nondecreasing_pool, pool
 from persid.lyapunov.system import (
     Family,
     Multipliers,
@@ -195,7 +195,7 @@ class Frame:
         return tuple(found)
 
     @cached_property
-    def upper(self) -> Mapping:
+    def upper(self) -> Mapping[Curve, ndarray]:
         """The constants c of the forms, by curve: 1 for nondecreasing forms, 1/2 for y, none (NaN) for others."""
         found = {}
         for group, forms in zip(self.groups, self.forms, strict=True):

@@ -64,6 +64,7 @@ def run(
     """
     from persid.certified_fits.identifier import Delivery, deliver
     from persid.measurements.opening import files_of
+    from persid.measurements.readers import read_measurements
     from persid.reports import results as folder
     from persid.reports.comparison import caution, comparison_rows
     from persid.verdicts.certify import certify
@@ -77,7 +78,7 @@ def run(
     with talk.progress() as progress:
         progress("reading the measurements")
         data = tuple(files_of(data))
-        measured = folder.read_measurements(data, **how)
+        measured = read_measurements(data, **how)
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine)
         asked = question(operating_point, u_op, domain, time_limit)

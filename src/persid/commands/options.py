@@ -3,12 +3,17 @@
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    ParamType = click.ParamType[Any]
+else:
+    ParamType = click.ParamType  # click 8.1 has no [...] here
 
-class Names(click.ParamType):
+
+class Names(ParamType):
     """Names separated by commas; a name that holds a comma stands in double quotes."""
 
     name = "names"
@@ -21,7 +26,7 @@ class Names(click.ParamType):
         return [name.strip() for name in names]
 
 
-class Numbers(click.ParamType):
+class Numbers(ParamType):
     """Numbers separated by commas."""
 
     name = "numbers"
@@ -34,7 +39,7 @@ class Numbers(click.ParamType):
             self.fail(f"{value!r} is not a list of numbers such as 1,3", param, ctx)
 
 
-class Functions(click.ParamType):
+class Functions(ParamType):
     """Expressions separated by commas; with semicolons, one such list for each state."""
 
     name = "list"
@@ -47,7 +52,7 @@ class Functions(click.ParamType):
         return lists if len(lists) > 1 else lists[0]
 
 
-class Ridge(click.ParamType):
+class Ridge(ParamType):
     """A number >= 0, or "auto"."""
 
     name = "number|auto"

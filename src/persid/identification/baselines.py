@@ -26,7 +26,7 @@ LAGS = 2
 CENTRES = 50
 
 
-class OneStepRegressor(BaseEstimator):
+class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """A map from past states and inputs to the next state, for samples at equal steps.
 
     kind: "arx" (2 past states and inputs, linear), "poly" (degree 2) or "rbf" (50 radial functions).

@@ -11,6 +11,8 @@ from numpy import ndarray
 from persid.identification.basis import Basis
 from persid.measurements.trajectories import Trajectories, Trajectory
 
+Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u
+
 REACH = 10.0  # a free run is stopped this many widths of the data outside their box
 MOST_SUBSTEPS = 8
 
@@ -108,9 +110,7 @@ def _reach(limits: Float[ndarray, "n 2"]) -> tuple[ndarray, ndarray]:
     return limits[:, 0] - REACH * width, limits[:, 1] + REACH * width
 
 
-def one_step(
-    rhs: Callable[[ndarray, ndarray], ndarray], run: Trajectory, hold: str, substeps: int = 2
-) -> Float[ndarray, "N n"]:
+def one_step(rhs: Rate, run: Trajectory, hold: str, substeps: int = 2) -> Float[ndarray, "N n"]:
     """Predict, for every sample, the state one step later (the last step is taken as long as the one before it)."""
     h = np.diff(run.t, append=2 * run.t[-1] - run.t[-2])[:, None]
     after = run.u if hold == "zoh" else np.vstack([run.u[1:], run.u[-1:]])
@@ -119,7 +119,7 @@ def one_step(
     return np.nan_to_num(moved, nan=0.0, posinf=1e300, neginf=-1e300)
 
 
-def _advance(rhs: Callable, x: ndarray, h: ndarray, before: ndarray, after: ndarray, substeps: int) -> ndarray:
+def _advance(rhs: Rate, x: ndarray, h: ndarray, before: ndarray, after: ndarray, substeps: int) -> ndarray:
     """Take one sample step of length h by classical Runge-Kutta, the input going linearly from `before` to `after`."""
     d = h / substeps
     for k in range(substeps):
@@ -160,7 +160,7 @@ def batch_errors(
     return (error / h.shape[1]).reshape(s, k), out.reshape(s, k)
 
 
-def _batch_rhs(basis: Basis, thetas: ndarray) -> Callable[[ndarray, ndarray], ndarray]:
+def _batch_rhs(basis: Basis, thetas: ndarray) -> Rate:
     p = basis.state_columns
     of_state, of_input, constant = thetas[:, :p], thetas[:, p:-1], thetas[:, -1]
 

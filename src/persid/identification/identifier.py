@@ -62,7 +62,7 @@ BLOCKS = 60  # sums that a fit keeps, for `persid.bootstrap` to draw from
 MOST_NUMBERS = 8e6  # in all these sums together
 
 
-class PersidskiiIdentifier(BaseEstimator):
+class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """Identify x' = A0 (x - x_ref) + sum A f((x - x_ref)/scale) + B (u - u_ref) + b from trajectories.
 
     Paper: F_x_approximation (Sec. 4.1).

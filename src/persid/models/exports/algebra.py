@@ -15,6 +15,8 @@ from persid_check.expression import Program
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
 
+Function = Callable[..., Any]
+
 _ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 
 
@@ -100,7 +102,7 @@ def casadi_algebra() -> Algebra:
     )
 
 
-def _clipped(absolute: Callable, maximum: Callable, minimum: Callable) -> dict[str, Callable[[Any], Any]]:
+def _clipped(absolute: Function, maximum: Function, minimum: Function) -> dict[str, Callable[[Any], Any]]:
     """Return the piecewise functions, which libraries do not have, by what they have."""
     return {
         "softsign": lambda y: y / (1 + absolute(y)),

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
 
 Scalar = Callable[[float], float]
+Compile = Callable[..., Any]  # numba.njit
 
 _WORDS: dict[str, Scalar] = {
     name: getattr(np, name)
@@ -80,7 +81,7 @@ def compiled(model: "PersidskiiModel") -> Callable[..., Any]:
     return rhs
 
 
-def _on_channels(model: "PersidskiiModel", njit: Callable) -> Callable[[Any], None]:
+def _on_channels(model: "PersidskiiModel", njit: Compile) -> Callable[[Any], None]:
     """Return the compiled function that replaces the arguments y of the channels by f(y), one loop a run of equal f."""
     algebra = _algebra(njit)
     functions = model.channels.functions
@@ -92,7 +93,7 @@ def _on_channels(model: "PersidskiiModel", njit: Callable) -> Callable[[Any], No
     return apply
 
 
-def _and_then(njit: Callable, before: Callable, f: Scalar, start: int, stop: int) -> Callable[[Any], None]:
+def _and_then(njit: Compile, before: Callable[[Any], None], f: Scalar, start: int, stop: int) -> Callable[[Any], None]:
     @njit
     @no_type_check
     def apply(y):
@@ -103,7 +104,7 @@ def _and_then(njit: Callable, before: Callable, f: Scalar, start: int, stop: int
     return apply
 
 
-def _algebra(njit: Callable) -> Algebra:
+def _algebra(njit: Compile) -> Algebra:
     """Return the algebra whose values are compiled functions of the variable."""
     own = {name: njit(f) for name, f in _OWN.items()}
     arithmetic = {name: njit(f) for name, f in _ARITHMETIC.items()}
