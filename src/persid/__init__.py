@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from persid.models.exports.pysindy import from_pysindy as from_pysindy
     from persid.models.model import PersidskiiModel as PersidskiiModel
     from persid.models.model import load_model as load_model
+    from persid.models.outputs import OutputModel as OutputModel
     from persid.networks.certificate import NetworkCertificate as NetworkCertificate
     from persid.verdicts.batches import Failed as Failed
     from persid.verdicts.batches import certify_many as certify_many
@@ -63,6 +64,7 @@ _HOMES = {
     ),
     "persid.identification.identifier": ("PersidskiiIdentifier",),
     "persid.models.model": ("PersidskiiModel", "load_model"),
+    "persid.models.outputs": ("OutputModel",),
     "persid.networks.certificate": ("NetworkCertificate",),
     "persid.certificates.obstruction": ("Obstruction",),
     "persid.measurements.readers": ("read_csv", "read_parquet"),
@@ -89,6 +91,7 @@ __all__ = [
     "NetworkCertificate",
     "Obstruction",
     "OperatingPoint",
+    "OutputModel",
     "PersidError",
     "PersidskiiIdentifier",
     "PersidskiiModel",

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.models.functions import ScalarFunction
+from persid.models.functions import ScalarFunction, layer
 from persid.models.sparse import Sparse
 
 
@@ -24,16 +23,11 @@ class Term:
 
     def values(self, dx: Float[ndarray, "*N n"]) -> Float[ndarray, "*N k"]:
         """Return f(R dx)."""
-        return self._apply("value", self.arguments(dx))
+        return layer(self.f).apply("value", self.arguments(dx))
 
     def derivatives(self, dx: Float[ndarray, "*N n"]) -> Float[ndarray, "*N k"]:
         """Return f'(R dx)."""
-        return self._apply("derivative", self.arguments(dx))
-
-    def _apply(self, what: str, y: ndarray) -> ndarray:
-        if len(set(self.f)) == 1:
-            return getattr(self.f[0], what)(y)
-        return np.stack([getattr(f, what)(y[..., k]) for k, f in enumerate(self.f)], axis=-1)
+        return layer(self.f).apply("derivative", self.arguments(dx))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,30 +7,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray
 
+from persid.models.functions import layer
+
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
 
 
 def drift(model: "PersidskiiModel") -> Callable[[ndarray], ndarray]:
-    """Return A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)), x' without its forcing, as a function of one state (n,).
+    """Return A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)), x' without its forcing, as a function of states (…, n).
 
-    Channels of one function stand together, so that each function is called once.
+    Channels of one function, shifted or not, stand together, so that each function is called once.
     """
     channels = model.channels
-    kinds = {f: [c for c, g in enumerate(channels.functions) if g == f] for f in channels.functions}
-    order = [c for places in kinds.values() for c in places]
-    rows, columns, A0, x_ref = channels.rows[order], channels.columns[:, order], channels.A0, model.x_ref
-    ends = np.cumsum([0, *map(len, kinds.values())]).tolist()
-    pieces = [(f.on_arrays, a, b) for f, (a, b) in zip(kinds, pairwise(ends), strict=True)]
+    found = layer(channels.functions)
+    order = [c for _, places in found.kinds for c in places]
+    shifts, x_ref = found.shifts[order], model.x_ref
+    A0, rows, columns = (
+        np.ascontiguousarray(M.T) for M in (channels.A0, channels.rows[order], channels.columns[:, order])
+    )
+    ends = np.cumsum([0, *(len(places) for _, places in found.kinds)]).tolist()
+    pieces = [(f.on_arrays, a, b) for (f, _), (a, b) in zip(found.kinds, pairwise(ends), strict=True)]
 
     def dot(x: ndarray) -> ndarray:
         dx = x - x_ref
-        result = A0 @ dx
+        result = dx @ A0
         if pieces:
-            y = rows @ dx
+            y = dx @ rows + shifts
             for f, a, b in pieces:
-                y[a:b] = f(y[a:b])
-            result += columns @ y
+                y[..., a:b] = f(y[..., a:b])
+            result += y @ columns
         return result
 
     return dot

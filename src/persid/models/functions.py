@@ -201,6 +201,11 @@ class ScalarFunction:
     def __post_init__(self) -> None:
         _ = self.program
 
+    def __reduce__(self) -> tuple[Callable[[str], "ScalarFunction"], tuple[str]]:
+        return scalar_function, (
+            self.text,
+        )  # what is cached is no part of a function, and not all of it can be pickled
+
     @cached_property
     def on_arrays(self) -> _Unary:
         """The function as a plain callable on arrays of at least one dimension, for inner loops."""
@@ -232,6 +237,19 @@ class ScalarFunction:
         closed = _ANTIDERIVATIVES.get(self.text.replace(" ", ""))
         return closed(y) if closed is not None else _quadrature(self.value, y)
 
+    @cached_property
+    def unshifted(self) -> tuple["ScalarFunction", float]:
+        """The function g and the number b with f(x) = g(x + b), where f is g(x + b) or g(x - b); else f itself and 0.
+
+        A layer of neurons, each with a shift of its own, is one call of g in this way.
+        """
+        if len(self.program) == 4 and self.program[3].name in _FUNCTIONS:
+            variable, number, sign, g = self.program
+            if (variable.name, number.name) == ("x", "number") and sign.name in ("+", "-"):
+                by = float(number.value or 0)
+                return scalar_function(f"{g.name}(x)"), by if sign.name == "+" else -by
+        return self, 0.0
+
     @property
     def is_linear(self) -> bool:
         """Whether the function is x itself."""
@@ -246,6 +264,37 @@ class ScalarFunction:
 def scalar_function(text: str) -> ScalarFunction:
     """Return the function of an expression; equal texts give the same object."""
     return ScalarFunction(text)
+
+
+def shifted(name: str, by: float) -> str:
+    """Return the expression of a named function shifted by a number, exactly: "tanh(x + 0.5)"."""
+    return f"{name}(x)" if by == 0 else f"{name}(x {'+' if by > 0 else '-'} {abs(float(by))!r})"
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Many functions by kind: entry c of `functions` is g(y + shifts[c]) with g = kinds[k][0] for c in kinds[k][1]."""
+
+    shifts: Float[ndarray, " c"]
+    kinds: tuple[tuple[ScalarFunction, tuple[int, ...]], ...]
+
+    def apply(self, what: str, y: Float[ndarray, "*N c"]) -> Float[ndarray, "*N c"]:
+        """Return what ("value" or "derivative") each function gives for its entry of y; one call a kind."""
+        y = y + self.shifts
+        if len(self.kinds) == 1:
+            return getattr(self.kinds[0][0], what)(y)
+        found = np.empty_like(y)
+        for g, places in self.kinds:
+            found[..., places] = getattr(g, what)(y[..., places])
+        return found
+
+
+@lru_cache(maxsize=512)
+def layer(functions: tuple[ScalarFunction, ...]) -> Layer:
+    """Sort functions by kind, shifts apart."""
+    pairs = [f.unshifted for f in functions]
+    kinds = {g: tuple(c for c, (other, _) in enumerate(pairs) if other == g) for g, _ in pairs}
+    return Layer(np.array([by for _, by in pairs]), tuple(kinds.items()))
 
 
 def _quadrature(f: _Unary, y: ndarray, panels: int = 16, nodes: int = 20) -> ndarray:

@@ -76,12 +76,12 @@ class PersidskiiModel:
             "A0": A0,
             "terms": tuple(_term(i, term, n) for i, term in enumerate(terms)),
             "B": B,
-            "b": _array("b", np.zeros(n) if b is None else b, (n,)),
-            "x_ref": _array("x_ref", np.zeros(n) if x_ref is None else x_ref, (n,)),
-            "u_ref": _array("u_ref", np.zeros(m) if u_ref is None else u_ref, (m,)),
-            "states": _names("states", states, n) if states else tuple(f"x{i + 1}" for i in range(n)),
-            "inputs": _names("inputs", inputs or [f"u{i + 1}" for i in range(m)], m),
-            "domain": None if domain is None else _array("domain", domain, (n, 2)),
+            "b": finite_array("b", np.zeros(n) if b is None else b, (n,)),
+            "x_ref": finite_array("x_ref", np.zeros(n) if x_ref is None else x_ref, (n,)),
+            "u_ref": finite_array("u_ref", np.zeros(m) if u_ref is None else u_ref, (m,)),
+            "states": distinct_names("states", states, n) if states else tuple(f"x{i + 1}" for i in range(n)),
+            "inputs": distinct_names("inputs", inputs or [f"u{i + 1}" for i in range(m)], m),
+            "domain": None if domain is None else finite_array("domain", domain, (n, 2)),
             "provenance": dict(provenance or {}),
         }
         for name, value in values.items():
@@ -182,7 +182,7 @@ class PersidskiiModel:
 
         if self.is_sparse:
             return self.dense().simulate(x0, t, u, rtol=rtol, atol=atol)
-        starts = [_array("x0", x, (self.n,)) for x in (x0 if np.ndim(x0) == 2 else [x0])]
+        starts = [finite_array("x0", x, (self.n,)) for x in (x0 if np.ndim(x0) == 2 else [x0])]
         if not starts:
             raise ModelError("x0 holds no state; give one (n,), or several (k, n)")
         t = np.array(t, float)
@@ -190,7 +190,7 @@ class PersidskiiModel:
             raise ModelError("t needs at least two strictly increasing times in s")
         if not (u is None or callable(u)):
             u = np.asarray(u, float)
-            u = _array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
+            u = finite_array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
         return Trajectories(tuple(integrate(self, x, t, u, rtol, atol) for x in starts), self.states, self.inputs)
 
     def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
@@ -267,12 +267,7 @@ class PersidskiiModel:
         """
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise ModelError(f'a model has "format": "{FORMAT}"')
-        unknown = set(data) - set(_FIELDS)
-        if unknown:
-            raise ModelError(f"unknown field {sorted(unknown)[0]!r}; known: {', '.join(_FIELDS)}")
-        missing = {"states", "B", "terms"} - set(data)
-        if missing:
-            raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
+        unknown_fields(data, _FIELDS, {"states", "B", "terms"})
         if persid_check.sparse.is_sparse(data):
             return cls(**columns.load(data, folder))
         _check_kinds(data)
@@ -302,17 +297,29 @@ class PersidskiiModel:
 _FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")
 
 
-def load_model(path: str | Path) -> PersidskiiModel:
-    """Read a model from `model.json`.
+def load_model(path: str | Path) -> Any:
+    """Read a model from `model.json`: a PersidskiiModel, or an OutputModel where the file holds one.
 
     Raises:
         ModelError: the file is not JSON, or not a model.
     """
+    from persid.models import outputs
+
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-        return PersidskiiModel.from_dict(data, Path(path).parent)
+        of_outputs = isinstance(data, Mapping) and data.get("format") == outputs.FORMAT
+        return (outputs.OutputModel if of_outputs else PersidskiiModel).from_dict(data, Path(path).parent)
     except (ModelError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ModelError(f"{path}: {error}") from None
+
+
+def unknown_fields(data: Mapping[str, Any], known: Sequence[str], needed: set[str]) -> None:
+    """Refuse an object with a field that is not known, or without one that is needed."""
+    unknown, missing = set(data) - set(known), needed - set(data)
+    if unknown:
+        raise ModelError(f"unknown field {sorted(unknown)[0]!r}; known: {', '.join(known)}")
+    if missing:
+        raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
 
 
 def _check_kinds(data: Mapping[str, Any]) -> None:
@@ -350,7 +357,7 @@ def _dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
 def _shape(candidate: Any) -> tuple[int, ...]:
     try:
         return tuple(int(k) for k in np.shape(candidate))
-    except ValueError:  # rows of different lengths: `_array` names the matrix
+    except ValueError:  # rows of different lengths: `finite_array` names the matrix
         return ()
 
 
@@ -367,14 +374,15 @@ def _listed(matrix: Any) -> Any:
 
 
 def _matrix(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
-    return columns.compressed(name, value, shape) if columns.is_sparse(value) else _array(name, value, shape)
+    return columns.compressed(name, value, shape) if columns.is_sparse(value) else finite_array(name, value, shape)
 
 
 def _part(term: Any, key: str, place: int) -> Any:
     return term.get(key) if isinstance(term, Mapping) else term[place]
 
 
-def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
+    """Return finite numbers of a shape (None: any size), read only, or say what is needed."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -388,10 +396,11 @@ def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
     return array
 
 
-def _names(what: str, names: Sequence[str], count: int) -> tuple[str, ...]:
-    if len(names) != count or len(set(names)) != count or not all(isinstance(name, str) for name in names):
-        raise ModelError(f"{what} needs {count} different names, not {list(names)}")
-    return tuple(names)
+def distinct_names(what: str, given: Sequence[str], count: int) -> tuple[str, ...]:
+    """Return so many different names, or say what is needed."""
+    if len(given) != count or len(set(given)) != count or not all(isinstance(name, str) for name in given):
+        raise ModelError(f"{what} needs {count} different names, not {list(given)}")
+    return tuple(given)
 
 
 def _term(index: int, term: Any, n: int) -> Term:

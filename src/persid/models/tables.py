@@ -27,6 +27,21 @@ def of_model(model: Any) -> str:
     return table(caption, ("term", *(f"d({name})/dt" for name in model.states)), rows)
 
 
+def of_output_model(model: Any) -> str:
+    """Return what an output model measures of its states, one row an output, and the table of its dynamics."""
+    latent = model.dynamics
+    caption = f"OutputModel with {_count(len(model.outputs), 'output')} of {_count(latent.n, 'latent state')}"
+    rows = [
+        (name, f"{'' if model.output_map is None else model.output_map[i].text}",
+         *(f"{value:.5g}" for value in [*model.C[i], *model.D[i], model.d[i]]))
+        for i, name in enumerate(model.outputs)
+    ]  # fmt: skip
+    wide = latent.n + latent.m > MOST_STATES
+    head = ("output", "map", *latent.states, *latent.inputs, "constant")
+    shown = [("outputs", _list(model.outputs))] if wide else rows
+    return table(caption, () if wide else head, shown) + of_model(latent)
+
+
 def _list(names: Sequence[str]) -> str:
     shown = [*names] if len(names) <= 4 * LONG else [*names[: 3 * LONG], "…", *names[-LONG:]]
     return f"{', '.join(shown)} ({len(names)})" if names else "none"

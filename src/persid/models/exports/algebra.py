@@ -14,6 +14,7 @@ from persid_check.expression import Program
 
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
+    from persid.models.outputs import OutputModel
 
 Function = Callable[..., Any]
 
@@ -61,6 +62,17 @@ def right_side(model: "PersidskiiModel", x: Any, u: Any, algebra: Algebra, matri
             [[algebra.value(f.program, arguments[c])] for c, f in enumerate(channels.functions)]
         )
     return dot + matrix(model.B) @ (u - matrix(model.u_ref[:, None])) if model.m else dot
+
+
+def output_side(
+    seen: "OutputModel", model: "PersidskiiModel", x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]
+) -> Any:
+    """Return h(C (x - x_ref) + D (u - u_ref) + d) as a column of another library; see `right_side`."""
+    y = matrix(seen.C) @ (x - matrix(model.x_ref[:, None])) + matrix(seen.d[:, None])
+    if model.m:
+        y += matrix(seen.D) @ (u - matrix(model.u_ref[:, None]))
+    maps = seen.output_map
+    return y if maps is None else matrix([[algebra.value(h.program, y[i])] for i, h in enumerate(maps)])
 
 
 def sympy_algebra(exact: bool) -> Algebra:

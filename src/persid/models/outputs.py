@@ -1,0 +1,301 @@
+"""OutputModel: a model whose states nobody measured, and what is measured of it.
+
+x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b
+y  = h(C (x - x_ref) + D (u - u_ref) + d)                        h one function of the grammar an output, or none
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid._files import write_atomically
+from persid.errors import ModelError
+from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.models.functions import ScalarFunction, layer, scalar_function
+from persid.models.model import Input, PersidskiiModel, distinct_names, finite_array, unknown_fields
+
+FORMAT = "persid-output-model-1"
+_FIELDS = (
+    "format",
+    "dynamics",
+    "outputs",
+    "C",
+    "D",
+    "d",
+    "output_map",
+    "hold",
+    "noise",
+    "x_mean",
+    "x_cov",
+    "provenance",
+)
+_HOLDS = ("zoh", "foh")
+
+
+@dataclass(frozen=True, eq=False)
+class OutputModel:
+    """A generalized Persidskii model with outputs y = h(C (x - x_ref) + D (u - u_ref) + d), in the user's units.
+
+    Two models are equal where all their numbers and names are, whatever their provenance. How inputs run between
+    samples, the noise and the spread of the states are what a simulation goes by; no proof uses them.
+
+    Args:
+        dynamics: the model of the states.
+        C: rows of the outputs, in units of the output per unit of the state.
+        D: what inputs add at once, None for nothing.
+        d: outputs at (x_ref, u_ref), before the map.
+        output_map: an expression such as "abs(x)" for all outputs, one for each, or None for the identity.
+        outputs: names, y1, y2, … by default.
+        hold: "zoh" (inputs are held) or "foh" (straight lines between samples).
+        noise: standard deviation of what is measured about the model's outputs, in their units, or None.
+        x_mean: mean of the states when the model was identified, or None.  x_cov: their covariance, or None.
+        provenance: where the model comes from.
+
+    Raises:
+        ModelError: shapes do not fit, a number is not finite, a function is not of the grammar, or names repeat.
+    """
+
+    dynamics: PersidskiiModel
+    C: Float[ndarray, "l n"]
+    D: Float[ndarray, "l m"]
+    d: Float[ndarray, " l"]
+    output_map: tuple[ScalarFunction, ...] | None
+    outputs: tuple[str, ...]
+    hold: str
+    noise: Float[ndarray, " l"] | None
+    x_mean: Float[ndarray, " n"] | None
+    x_cov: Float[ndarray, "n n"] | None
+    provenance: dict[str, Any]
+
+    def __init__(
+        self,
+        dynamics: PersidskiiModel,
+        C: Any,
+        D: Any = None,
+        d: Any = None,
+        *,
+        output_map: str | Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+        hold: str = "zoh",
+        noise: Any = None,
+        x_mean: Any = None,
+        x_cov: Any = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        C = finite_array("C", C, (None, dynamics.n))
+        count = len(C)
+        if not count:
+            raise ModelError("C has no rows; an output model needs at least one output")
+        if hold not in _HOLDS:
+            raise ModelError(f'hold is {hold!r}; it is "zoh" (inputs are held) or "foh" (straight lines)')
+        named = distinct_names("outputs", outputs or [f"y{i + 1}" for i in range(count)], count)
+        if shared := set(named) & {*dynamics.states, *dynamics.inputs}:
+            raise ModelError(f"{sorted(shared)[0]!r} is the name of an output and of a state or input; rename one")
+        values = {
+            "dynamics": dynamics.dense(),
+            "C": C,
+            "D": finite_array("D", np.zeros((count, dynamics.m)) if D is None else D, (count, dynamics.m)),
+            "d": finite_array("d", np.zeros(count) if d is None else d, (count,)),
+            "output_map": _maps(output_map, count),
+            "outputs": named,
+            "hold": hold,
+            "noise": None if noise is None else finite_array("noise", noise, (count,)),
+            "x_mean": None if x_mean is None else finite_array("x_mean", x_mean, (dynamics.n,)),
+            "x_cov": None if x_cov is None else finite_array("x_cov", x_cov, (dynamics.n, dynamics.n)),
+            "provenance": dict(provenance or {}),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        n, m, k = self.dynamics.n, self.dynamics.m, len(self.outputs)
+        return f"OutputModel({k} outputs {self.outputs}, {m} inputs {self.dynamics.inputs}, {n} latent states)"
+
+    def _repr_html_(self) -> str:
+        from persid.models.tables import of_output_model
+
+        return of_output_model(self)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, OutputModel):
+            return NotImplemented
+        mine, theirs = ({**model.to_dict(), "dynamics": None, "provenance": None} for model in (self, other))
+        return self.dynamics == other.dynamics and mine == theirs
+
+    def __hash__(self) -> int:
+        return hash((self.dynamics.sha256, self.C.tobytes(), self.outputs))
+
+    def output(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N l"]:
+        """Return y for one state (n,) or many (N, n); u = None means u_ref."""
+        y = (np.asarray(x, float) - self.dynamics.x_ref) @ self.C.T + self.d
+        if u is not None:
+            y = y + (np.asarray(u, float) - self.dynamics.u_ref) @ self.D.T
+        return y if self.output_map is None else layer(self.output_map).apply("value", y)
+
+    def simulate(self, t: Float[ndarray, " N"], u: Input = None, *, x0: Any = None, y_init: Any = None) -> Trajectories:
+        """Return the outputs at the times t (s), from a state or from the first measured outputs.
+
+        Args:
+            t: increasing times in s.
+            u: (N, m) samples, between which inputs run as `hold` says; or a function of t; or None for u_ref.
+            x0: the latent state at t[0]; or instead
+            y_init: (k, l) outputs measured at t[0], …, t[k - 1], of which the state is estimated (`estimate_state`).
+
+        Returns:
+            One run, with the outputs in place of states; `diverged_at` as for `PersidskiiModel.simulate`.
+
+        Raises:
+            ModelError: neither or both of x0 and y_init are given, or an argument has the wrong shape.
+        """
+        if (x0 is None) == (y_init is None):
+            raise ModelError("give x0, the latent state at t[0], or y_init, the outputs measured at the first times")
+        if x0 is None:
+            x0 = self.estimate_state(t, u, y_init)
+        run = self._states(np.asarray(x0, float), np.asarray(t, float), u)
+        seen = Trajectory(run.t, self.output(run.x, run.u), run.u, run.diverged_at, run.stopped_at)
+        return Trajectories((seen,), self.outputs, self.dynamics.inputs)
+
+    def estimate_state(self, t: Float[ndarray, " N"], u: Any, y: Any) -> Float[ndarray, " n"]:
+        """Return the latent state at t[0] from outputs y (k, l) measured at t[0], …, t[k - 1], k <= N.
+
+        It is the most likely one, given `noise`, x_mean and x_cov; u is (N, m) or None for u_ref.
+
+        Raises:
+            ModelError: y or u has the wrong shape, or y tells too little of a state about which nothing is known.
+        """
+        from persid.models.initial_states import estimate
+
+        if callable(u):
+            raise ModelError("y_init goes with sampled inputs, u (N, m)")
+        t = np.asarray(t, float)
+        return estimate(self, t, self._samples(t, u), y)
+
+    def _states(self, x0: ndarray, t: ndarray, u: Input) -> Trajectory:
+        """Return the run of the states; where fixed steps do not serve, that of an adaptive solver, with its end."""
+        from persid.models.steps import run
+
+        samples = None if callable(u) else self._samples(t, u)
+        if x0.shape == (self.dynamics.n,) and t.ndim == 1 and len(t) > 1 and (np.diff(t) > 0).all() and not callable(u):
+            found = run(self.dynamics, x0, t, samples, self.hold)
+            if found is not None:
+                held = np.tile(self.dynamics.u_ref, (len(t), 1)) if samples is None else samples
+                return Trajectory(t, found, held)
+        straight = samples is not None and self.hold == "foh"
+        return self.dynamics.simulate(x0, t, _lines(t, samples) if straight else u)[0]
+
+    def _samples(self, t: ndarray, u: Any) -> Float[ndarray, "N m"] | None:
+        if u is None:
+            return None
+        u = np.asarray(u, float)
+        return finite_array("u", u[:, None] if u.ndim == 1 and self.dynamics.m == 1 else u, (len(t), self.dynamics.m))
+
+    def to_callable(self, jit: bool = False) -> tuple[Callable[..., ndarray], Callable[..., ndarray]]:
+        """Return rhs(t, x, u=None), as `PersidskiiModel.to_callable` does, and output(x, u=None), in plain NumPy.
+
+        Raises:
+            ImportError: `jit` without Numba; it comes with persid[interop].
+        """
+        return self.dynamics.to_callable(jit), self.output
+
+    def to_control(self, name: str | None = None) -> Any:
+        """Return a continuous-time control.NonlinearIOSystem with the model's inputs, states and outputs.
+
+        Raises:
+            ImportError: python-control is not installed; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import to_control
+
+        return to_control(self.dynamics, name, self)
+
+    def to_sympy(self, exact: bool = False) -> tuple[Any, Any]:
+        """Return x' (n, 1) and y (l, 1) as SymPy matrices in symbols named like states and inputs.
+
+        Numbers are as for `PersidskiiModel.to_sympy`.
+
+        Raises:
+            ImportError: SymPy is not installed; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import outputs_to_sympy
+
+        return self.dynamics.to_sympy(exact), outputs_to_sympy(self, exact)
+
+    def to_casadi(self, name: str = "model") -> Any:
+        """Return a casadi.Function (x, u) -> (x_dot, y) of scalar expressions (SX).
+
+        Raises:
+            ImportError: CasADi is not installed; it comes with persid[interop].
+        """
+        from persid.models.exports.libraries import outputs_to_casadi
+
+        return outputs_to_casadi(self, name)
+
+    def to_latex(self, digits: int = 4) -> str:
+        """Return the equations as one `aligned` environment, numbers rounded to so many significant digits."""
+        from persid.models.exports.libraries import to_latex
+
+        return to_latex(self, digits)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as the object of its file."""
+        return {
+            "format": FORMAT,
+            "dynamics": self.dynamics.to_dict(),
+            "outputs": list(self.outputs),
+            "C": self.C.tolist(),
+            "D": self.D.tolist(),
+            "d": self.d.tolist(),
+            "output_map": None if self.output_map is None else [h.text for h in self.output_map],
+            "hold": self.hold,
+            **{name: _listed(getattr(self, name)) for name in ("noise", "x_mean", "x_cov")},
+            "provenance": self.provenance,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Any, folder: Path | None = None) -> "OutputModel":
+        """Return the model of an object such as its file holds; unknown fields are refused."""
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise ModelError(f'an output model has "format": "{FORMAT}"')
+        unknown_fields(data, _FIELDS, {"dynamics", "outputs", "C"})
+        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name not in ("format", "dynamics")}
+        texts = [*_texts("outputs", values["outputs"]), *_texts("output_map", values["output_map"])]
+        if not all(isinstance(text, str) for text in texts):
+            raise ModelError("outputs is a list of names, output_map null or a list of expressions")
+        if not isinstance(values["provenance"], Mapping | None):
+            raise ModelError("provenance is no object")
+        return cls(PersidskiiModel.from_dict(data["dynamics"], folder), **values | {"hold": values["hold"] or "zoh"})
+
+    def save(self, path: str | Path) -> None:
+        """Write the model: reading it gives the same binary64 numbers back. Written beside, then renamed."""
+        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+
+def _lines(t: ndarray, u: Any) -> Callable[[float], ndarray]:
+    """Return the input that runs in straight lines through samples."""
+    return lambda s: np.array([np.interp(s, t, column) for column in u.T])
+
+
+def _maps(given: Any, count: int) -> tuple[ScalarFunction, ...] | None:
+    if given is None:
+        return None
+    texts = [given] * count if isinstance(given, str) else list(given)
+    if len(texts) != count:
+        raise ModelError(f"output_map has {len(texts)} functions; needed is one, or one for each of {count} outputs")
+    return tuple(scalar_function(text) for text in texts)
+
+
+def _listed(given: ndarray | None) -> Any:
+    return None if given is None else given.tolist()
+
+
+def _texts(name: str, given: Any) -> list[Any]:
+    if given is None or isinstance(given, str):
+        return [] if given is None else [given]
+    if not isinstance(given, list):
+        raise ModelError(f"{name} is {str(given)[:60]}; needed is a list of texts")
+    return given

@@ -1,0 +1,134 @@
+"""Long runs with sampled inputs, in plain NumPy: classical Runge-Kutta steps, the pieces of a record side by side.
+
+A long record is cut into about sqrt(N) pieces, all stepped at once. The states s_i at which they start are found as in
+multiple shooting: with e_i the end of piece i from s_i, and Phi_i the derivative of that end, the next starts are
+
+    s_{i+1} <- e_i + Phi_i (s_i_new - s_i_old)                  until every piece starts where the one before it ends.
+
+After k sweeps the first k pieces are right whatever Phi is, and mostly a few sweeps do. Steps are halved until this
+changes nothing that matters.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.models.drift import drift
+from persid.models.model import PersidskiiModel
+
+STEP = 0.2  # of the fastest time constant at x_ref, to begin with
+HALVINGS = 8
+TOLERANCE = 1e-6  # by which halved steps may still change a run, in units of its largest |x - x_ref|
+DIFFERENCE = 1e-6  # of the size of the states, for derivatives
+JOINT = 1e-10  # by which the ends of pieces may still move, in the same units
+
+Forcing = tuple[ndarray, ndarray]  # B (u - u_ref) + b at the start and at the end of every interval, (L, …, n)
+
+
+def forcing(model: PersidskiiModel, u: Float[ndarray, "N m"] | None, hold: str, count: int) -> Forcing:
+    """Return B (u - u_ref) + b at both ends of each of `count` - 1 intervals: held, or in straight lines ("foh")."""
+    force = np.zeros((count, model.n)) + model.b
+    force = force if u is None else force + (u[:count] - model.u_ref) @ model.B.T
+    return force[:-1], force[:-1] if hold == "zoh" else force[1:]
+
+
+def substeps(model: PersidskiiModel, dt: float) -> int:
+    """Return how many steps an interval of dt (s) takes to begin with."""
+    fastest = float(np.abs(np.linalg.eigvals(model.jacobian(model.x_ref))).max())
+    return int(np.ceil(1e-9 + fastest * dt / STEP))
+
+
+def swept(
+    dot: Callable[[ndarray], ndarray],
+    X: Float[ndarray, "S n"],
+    dt: Float[ndarray, "L #S 1"],
+    force: Forcing,
+    steps: int,
+) -> Float[ndarray, "L+1 S n"]:
+    """Return the runs of many states side by side, over L intervals of `steps` Runge-Kutta steps each."""
+    found = np.empty((len(dt) + 1, *X.shape))
+    found[0] = X
+    for k, (length, first, last) in enumerate(zip(dt, *force, strict=True)):
+        h, slope = length / steps, (last - first) / (2 * steps)
+        for j in range(steps):
+            begin = first + 2 * j * slope
+            a = dot(X) + begin
+            b = dot(X + h / 2 * a) + begin + slope
+            c = dot(X + h / 2 * b) + begin + slope
+            X = X + h / 6 * (a + 2 * (b + c) + dot(X + h * c) + begin + 2 * slope)
+        found[k + 1] = X
+    return found
+
+
+def run(
+    model: PersidskiiModel,
+    x0: Float[ndarray, " n"],
+    t: Float[ndarray, " N"],
+    u: Float[ndarray, "N m"] | None,
+    hold: str,
+) -> Float[ndarray, "N n"] | None:
+    """Return the states at the times t, or None where the run leaves all bounds or no step is short enough for it."""
+    dt, steps = np.diff(t), substeps(model, float(np.diff(t).max()))
+    force, dot = forcing(model, u, hold, len(t)), drift(model)
+    record = _Record(dot, x0, dt, force)
+    before = None
+    with np.errstate(all="ignore"):
+        for _ in range(HALVINGS):
+            after = record.swept(steps)
+            scale = float(np.abs(after - model.x_ref).max())
+            if before is not None and (not np.isfinite(scale) or np.abs(after - before).max() <= TOLERANCE * scale):
+                return after if np.isfinite(scale) else None
+            before, steps = after, 2 * steps
+    return None
+
+
+class _Record:
+    """A record in pieces, the states at which they start as found so far, and the derivatives Phi of their ends."""
+
+    def __init__(self, dot: Callable[[ndarray], ndarray], x0: ndarray, dt: ndarray, force: Forcing) -> None:
+        self.dot, self.count = dot, len(dt)
+        self.pieces = int(np.ceil(np.sqrt(self.count)))
+        self.length = -(-self.count // self.pieces)
+        self.dt, self.force = self._cut(dt[:, None]), (self._cut(force[0]), self._cut(force[1]))
+        self.starts = np.tile(x0, (self.pieces, 1))
+        self.Phi: ndarray | None = None
+
+    def _cut(self, values: ndarray) -> Float[ndarray, "L S k"]:
+        """Cut values of intervals into pieces; intervals of no length fill the last one up."""
+        rest = self.pieces * self.length - self.count
+        filled = np.concatenate([values, np.zeros((rest, *values.shape[1:]))])
+        return np.ascontiguousarray(filled.reshape(self.pieces, self.length, -1).swapaxes(0, 1))
+
+    def swept(self, steps: int) -> Float[ndarray, "N n"]:
+        """Return the run, with so many steps an interval."""
+        n = self.starts.shape[1]
+        found = np.empty((self.length + 1, *self.starts.shape))
+        moved = np.ones(self.pieces, bool)
+        for _ in range(self.pieces + 1):
+            force = self.force[0][:, moved], self.force[1][:, moved]
+            found[:, moved] = swept(self.dot, self.starts[moved], self.dt[:, moved], force, steps)
+            self.Phi = self._derivatives(found[-1], steps) if self.Phi is None else self.Phi
+            corrected = self._corrected(found[-1])
+            moved = ~(np.abs(corrected - self.starts) <= JOINT * np.abs(corrected).max()).all(axis=1)
+            self.starts = corrected
+            if not moved.any():
+                break
+        return np.vstack([self.starts[0], found[1:].swapaxes(0, 1).reshape(-1, n)[: self.count]])
+
+    def _derivatives(self, ends: ndarray, steps: int) -> Float[ndarray, "S n n"]:
+        """Return the derivatives of the ends by the starts, by differences."""
+        delta = DIFFERENCE * (1 + np.abs(ends).max())
+        columns = [
+            (swept(self.dot, self.starts + delta * e, self.dt, self.force, steps)[-1] - ends) / delta
+            for e in np.eye(len(self.starts.T))
+        ]
+        return np.nan_to_num(np.stack(columns, axis=-1), posinf=0.0, neginf=0.0)
+
+    def _corrected(self, ends: ndarray) -> Float[ndarray, "S n"]:
+        """Return the next starts: s_{i+1} = e_i + Phi_i (s_i_new - s_i_old)."""
+        found = self.starts.copy()
+        for i, Phi in enumerate(self.Phi[:-1] if self.Phi is not None else ()):
+            found[i + 1] = ends[i] + Phi @ (found[i] - self.starts[i])
+        return found
