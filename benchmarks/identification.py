@@ -16,10 +16,10 @@ import numpy as np
 from numpy import ndarray
 
 from persid.identification.basis import Basis, make_basis
+from persid.identification.estimators.weak import window_rows
 from persid.identification.gram import BLOCK, accumulate
 from persid.identification.koopman import edmd, make_lifting
 from persid.identification.structure import make_structure
-from persid.identification.weak import window_rows
 from persid.measurements.trajectories import Trajectories
 
 N = 9
@@ -85,7 +85,7 @@ def main(samples: int) -> None:
     structure, lifting = make_structure(basis), make_lifting(basis)
     routes = {
         "bare Gram": lambda: bare(runs[0].x, runs[0].u, basis),
-        "weak form": lambda: accumulate(window_rows(runs[0], basis, 2, "zoh"), basis, structure),
+        "weak form": lambda: accumulate(window_rows(runs[0], None, basis, 2, "zoh"), basis, structure),
         "bare pairs": lambda: bare_pairs(runs[0].x, runs[0].u, basis),
         "EDMD": lambda: edmd(runs, lifting),
     }

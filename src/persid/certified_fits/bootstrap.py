@@ -9,6 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.identification.estimators import estimator
 from persid.identification.gram import Gram
 from persid.identification.regressions import sparse_coefficients
 from persid.measurements.engines import Progress
@@ -110,7 +111,7 @@ def _blocks(fit: Any) -> tuple[Gram, ...]:
     grams = getattr(fit, "blocks_", ())
     if not grams:
         raise DataError("bootstrap needs a fitted PersidskiiIdentifier; call fit first")
-    if fit.method == "edmd":
+    if not estimator(fit.method).additive:
         raise DataError('bootstrap needs method="weak" or "derivative": a Koopman matrix is not in the Gram matrices')
     if fit.refine or fit.gram_.root is not None:
         raise DataError(

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from persid.identification.estimators import METHODS
+
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
 else:
@@ -101,7 +103,7 @@ fitting = together(
     click.option("--ridge", type=Ridge(), default="auto", show_default=True,
                  help="Strength of the ridge on scaled columns; auto chooses it by validation. More ridge is easier "
                       "to certify and fits less well."),
-    click.option("--method", type=click.Choice(["weak", "derivative", "edmd"]), default="weak", show_default=True,
+    click.option("--method", type=click.Choice(METHODS), default="weak", show_default=True,
                  help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
 )  # fmt: skip
 refining = together(

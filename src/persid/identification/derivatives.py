@@ -1,14 +1,11 @@
 """Derivatives of measured signals by local polynomials, at any spacing; and states that were not measured."""
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
-from persid.identification.basis import Basis
-from persid.identification.gram import BLOCK, Rows
+from persid.measurements.moments import BLOCK
 from persid.measurements.trajectories import Trajectories, Trajectory
 
 DEGREE = 3
@@ -38,27 +35,6 @@ def _fit(t: ndarray, x: ndarray, first: ndarray, width: int, offset: int) -> tup
     V = (s / reach[:, None])[..., None] ** np.arange(DEGREE + 1)
     coefficients = np.linalg.solve(np.einsum("kwi,kwj->kij", V, V), np.einsum("kwi,kwn->kin", V, x[rows]))
     return coefficients[:, 0], coefficients[:, 1] / reach[:, None]
-
-
-def with_slopes(data: Trajectories, slopes: Sequence[Float[ndarray, "_ n"]], hold: str) -> Trajectories:
-    """Return runs of (x, x') side by side, with the inputs that go with x'.
-
-    A derivative at a sample where a held input jumps lies half way between those of its two sides.
-    """
-    runs = []
-    for run, dot in zip(data, slopes, strict=True):
-        u = run.u if hold == "paper" else (run.u + np.vstack([run.u[:1], run.u[:-1]])) / 2
-        runs.append(Trajectory(run.t, np.hstack([run.x, dot]), u))
-    return Trajectories(tuple(runs), (*data.states, *(f"d({name})/dt" for name in data.states)), data.inputs)
-
-
-def derivative_rows(run: Trajectory, count: int, basis: Basis) -> Iterator[Rows]:
-    """Yield blocks of rows (columns at the samples, x') for the first `count` samples of a run of (x, x')."""
-    n = len(basis.states)
-    for begin in range(0, count, BLOCK):
-        chosen = slice(begin, min(begin + BLOCK, count))
-        x, u = run.x[chosen, :n], run.u[chosen]
-        yield np.hstack([basis.values(x), u - basis.u_ref, np.ones((len(x), 1))]), run.x[chosen, n:]
 
 
 def embed(data: Trajectories, derivatives: int = 0, delays: int = 0, half_width: int = 2) -> Trajectories:

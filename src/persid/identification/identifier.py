@@ -12,16 +12,16 @@ from numpy import ndarray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
-from persid.errors import DataError, PersidError, UnderdeterminedError
+from persid.errors import DataError, PersidError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
-from persid.identification import regressions as fitting
-from persid.identification.basis import Basis, Functions, make_basis
-from persid.identification.derivatives import embed, local_polynomial
+from persid.identification.basis import Functions, make_basis
+from persid.identification.derivatives import embed
 from persid.identification.diagnostics import FitReport
+from persid.identification.estimators import METHODS, estimator
 from persid.identification.gram import Gram, refuse_underdetermined
-from persid.identification.koopman import make_lifting, sample_step
-from persid.identification.regressions import Problem, Regression, Solution
+from persid.identification.koopman import sample_step
+from persid.identification.regressions import Estimator, Options, Problem, Solution, sparse_coefficients
 from persid.identification.structure import make_structure
 from persid.identification.validation import (
     FOLDS,
@@ -32,7 +32,7 @@ from persid.identification.validation import (
     total,
     validation_curve,
 )
-from persid.identification.weak import choose_window
+from persid.identification.windows import choose_window
 from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.opening import recordings_of
 from persid.measurements.recordings import (
@@ -40,7 +40,6 @@ from persid.measurements.recordings import (
     Part,
     Recordings,
     is_large,
-    lengths,
     moments,
     segments,
 )
@@ -48,7 +47,6 @@ from persid.measurements.trajectories import Trajectories
 from persid.models.equations import equations
 
 FUNCTIONS = ("x", "x**3", "sinh(x)", "tanh(x)")
-METHODS = ("weak", "derivative", "edmd")
 HOLDS = ("zoh", "paper")
 FALLBACK_RIDGE = 1e-3  # where a single short run leaves nothing to validate on
 _OUT_OF_CORE = (
@@ -144,17 +142,17 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             GeneratorError: the Koopman matrix has no trustworthy logarithm (method="edmd").
         """
         _check_options(self)
-        refuse_target(None if self.method == "derivative" else y)
+        refuse_target(None if self._estimator.slopes else y)
         measured, notes = self._measured(X, u, t, dt)
         data = self._embedded(measured)
-        problem, window = self._problem(data, measured, y)
+        problem = self._problem(data, y)
         solution = self._solve(problem)
         self._remember(measured, X)
-        self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, window
+        self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, problem.regression.window
         self.blocks_ = tuple(solution.blocks.values())
         self.ridge_ = solution.ridge
         self.coef_ = solution.theta.T
-        report = self._report(problem, solution, window, (*data.notes, *notes))
+        report = self._report(problem, solution, (*data.notes, *notes))
         self.report_ = replace(report, warnings=(*report.warnings, *self._advice(report, measured)))
         self.model_ = problem.basis.model(
             solution.theta, domain=_box(data), provenance=_provenance(self, measured, self.report_)
@@ -177,24 +175,21 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             sample_step(measured)
         return embed(measured, self.derivatives, self.delays, choose_window(measured) if self.derivatives else 2)
 
-    def _problem(self, data: Measurements, measured: Measurements, y: Any) -> tuple[Problem, int | None]:
+    @property
+    def _estimator(self) -> Estimator:
+        return estimator(self.method)
+
+    def _options(self, y: Any = None) -> Options:
+        embedded = bool(self.derivatives or self.delays)
+        return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded)
+
+    def _problem(self, data: Measurements, y: Any) -> Problem:
         basis = make_basis(data, self.functions, self.x_ref, self.scale)
         structure = make_structure(basis, self.pattern, self.shared, self.constant)
-        parts, window = partition(data, self.holdout), None
-        if self.method == "weak":
-            window = choose_window(data) if self.window == "auto" else int(self.window)
-            _check_window(data, window)
-            regression = fitting.weak_form(data, basis, window, self.hold)
-        elif self.method == "derivative" and isinstance(data, Trajectories) and isinstance(measured, Trajectories):
-            regression = fitting.slope_regression(data, basis, _slopes(data, measured, y), self.hold)
-        else:
-            regression = self._koopman(data, basis, parts)
+        parts = partition(data, self.holdout)
+        regression = self._estimator.regression(data, basis, parts, self._options(y))
         number = int(np.clip(MOST_NUMBERS / basis.size**2, FOLDS + 1, BLOCKS))
-        return Problem(data, basis, structure, parts, blocks(parts, number), regression), window
-
-    def _koopman(self, data: Measurements, basis: Basis, parts: Sequence[Part]) -> Regression:
-        lifting = make_lifting(basis, self.lifting)
-        return fitting.koopman_regression(data, basis, lifting, parts, self.hold, self.gamma)
+        return Problem(data, basis, structure, parts, blocks(parts, number), regression)
 
     def _solve(self, problem: Problem) -> Solution:
         grams = problem.grams()
@@ -203,32 +198,34 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         if not self.allow_underdetermined:
             refuse_underdetermined(gram)
         curve = None
-        if self.ridge == "auto" and self.method != "edmd":
+        if self.ridge == "auto" and self._estimator.additive:
             curve = validation_curve(problem.data, problem.parts, folds, _box(problem.data), self.hold)
         ridge = self._strength(curve)
         gram = problem.solvable(gram, ridge)
-        theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
+        theta = sparse_coefficients(gram, ridge, self.threshold)
         theta = self._refined(problem.data, theta, gram, ridge)
         return Solution(theta, self._held_out(problem, folds, ridge), gram, grams, ridge, curve)
 
     def _strength(self, curve: Any) -> float:
         if self.ridge != "auto":
             return float(self.ridge)
-        return curve.best if curve else 0.0 if self.method == "edmd" else FALLBACK_RIDGE
+        if curve:
+            return curve.best
+        return FALLBACK_RIDGE if self._estimator.additive else 0.0
 
     def _held_out(self, problem: Problem, folds: dict[int, Gram], ridge: float) -> Float[ndarray, "p n"] | None:
-        """Fit again without the tails; an EDMD fit computes its generator again, too."""
+        """Fit again without the tails; rows that come from all samples together are made again, too."""
         kept = [gram for fold, gram in folds.items() if fold >= 0]
         if len(kept) == len(folds) or sum(gram.rows for gram in kept) < problem.basis.size:
             return None
         parts = [part for part in problem.parts if part.fold >= 0]
-        if self.method == "edmd":
-            regression = self._koopman(problem.data, problem.basis, parts)
+        if not self._estimator.additive:
+            regression = self._estimator.regression(problem.data, problem.basis, parts, self._options())
             rest = [replace(part, block=0) for part in problem.blocks if part.fold >= 0]
             problem = replace(problem, regression=regression, parts=parts, blocks=rest)
             kept = list(problem.grams().values())
         gram = problem.solvable(total(kept), ridge, tails=False)
-        theta = fitting.sparse_coefficients(gram, ridge, self.threshold)
+        theta = sparse_coefficients(gram, ridge, self.threshold)
         return self._refined(problem.data, theta, gram, ridge, parts)
 
     def _refined(
@@ -242,7 +239,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
         return refine(data, theta, gram, ridge, self.hold)
 
-    def _report(self, problem: Problem, solution: Solution, window: int | None, notes: tuple[str, ...]) -> FitReport:
+    def _report(self, problem: Problem, solution: Solution, notes: tuple[str, ...]) -> FitReport:
         gram, data, K = solution.gram, problem.data, problem.regression.K
         facts = diagnostics.conditioning(gram, solution.theta)
         moved = diagnostics.excitation(data, gram)
@@ -250,7 +247,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         return FitReport(
             method=self.method,
             hold=self.hold,
-            window=window,
+            window=problem.regression.window,
             rows=gram.rows,
             columns=problem.basis.size,
             rank=facts.rank,
@@ -332,7 +329,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         Raises:
             DataError: the data cannot be used, or y would be ignored.
         """
-        refuse_target(None if self.method == "derivative" else y)
+        refuse_target(None if self._estimator.slopes else y)
         return freerun.free_run_score(self.model_, self._known(X, u, t, dt), self.hold).r2_mean
 
     def get_feature_names_out(self, input_features: Any = None) -> ndarray:
@@ -352,18 +349,6 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 def _box(data: Measurements) -> Float[ndarray, "n 2"]:
     """Return the smallest box that holds all states."""
     return moments(data).of(slice(len(data.states))).box
-
-
-def _slopes(data: Trajectories, measured: Trajectories, y: Any) -> list[ndarray]:
-    """Return x' at every sample: the one given, or the derivative of local cubics."""
-    if y is None:
-        half = max(2, choose_window(data) // 2)
-        return [local_polynomial(run.t, run.x, half)[1] for run in data]
-    given = y if isinstance(y, list | tuple) else [y]
-    slopes = [np.asarray(dot, float) for dot in given]
-    if data is not measured or [dot.shape for dot in slopes] != [run.x.shape for run in data]:
-        raise DataError("y needs the derivative x' of every measured sample, in the shape of X, and no embedding")
-    return slopes
 
 
 def _tail_scores(
@@ -419,19 +404,13 @@ def _check_options(estimator: PersidskiiIdentifier) -> None:
         raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
     if estimator.threshold is not None and not 0 <= estimator.threshold < 1:
         raise DataError(f"threshold={estimator.threshold!r}; needed is None or a share in [0, 1)")
-    if estimator.method != "edmd" and (callable(estimator.lifting) or list(estimator.lifting)):
+    if not estimator._estimator.lifts and (callable(estimator.lifting) or list(estimator.lifting)):
         raise DataError('lifting= is for method="edmd"; give functions= otherwise')
 
 
 def _refuse_in_memory_only(estimator: PersidskiiIdentifier) -> None:
     """Raise DataError where an option needs all samples at once."""
     wrong = [name for name in ("derivatives", "delays", "refine") if getattr(estimator, name)]
-    wrong += ['method="derivative"'] if estimator.method == "derivative" else []
+    wrong += [f'method="{estimator.method}"'] if estimator._estimator.in_memory else []
     if wrong:
         raise DataError(f'{", ".join(wrong)}: needs the data in memory; use method="weak" or "edmd" without it')
-
-
-def _check_window(data: Measurements, window: int) -> None:
-    longest = max(lengths(data))
-    if longest <= window:
-        raise UnderdeterminedError(f"the longest run has {longest} samples; a window of {window} needs {window + 1}")

@@ -3,16 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.errors import DataError
 from persid.identification.basis import Basis
-from persid.identification.derivatives import derivative_rows, with_slopes
 from persid.identification.gram import (
-    BLOCK,
     ILL_CONDITIONED,
     Gram,
     Rows,
@@ -22,12 +20,10 @@ from persid.identification.gram import (
     triangle,
     with_root,
 )
-from persid.identification.koopman import Lifting, doubtful_eigenvalues, edmd, gamma, koopman_generator, sample_step
 from persid.identification.structure import Structure
 from persid.identification.validation import Curve
-from persid.identification.weak import window_rows
-from persid.measurements.recordings import Measurements, Part, block_sums, segments
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.recordings import Measurements, Part, block_sums
+from persid.measurements.trajectories import Trajectory
 
 RowsOf = Callable[[Trajectory, int], Iterator[Rows]]  # of a segment, and how many of its samples rows begin at
 MOST_THRESHOLDS = 10  # rounds of sequential thresholding
@@ -37,13 +33,44 @@ MOST_THRESHOLDS = 10  # rounds of sequential thresholding
 class Regression:
     """How samples become rows: the rows of a segment, which may need `overlap` samples behind those they begin at.
 
-    `data` are what the segments are cut from; `K` is the Koopman matrix where there is one.
+    `data` are what the segments are cut from; `window` is the length of windows in samples, and `K` the Koopman matrix,
+    where there is one.
     """
 
     data: Measurements
     rows: RowsOf
     overlap: int = 0
+    window: int | None = None
     K: Float[ndarray, "l l"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """What estimators are asked: `hold` of the inputs, `window` in samples or "auto", further `lifting` functions and
+    the reading of eq:Gamma_cal, and `slopes` x' where they were given for samples that were not `embedded`."""
+
+    hold: str
+    window: int | str = "auto"
+    lifting: Sequence[str] | Callable[[ndarray, ndarray], Any] = ()
+    gamma: str = "coordinates"
+    slopes: Any = None
+    embedded: bool = False
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A method of identification: how samples become rows of a regression on the columns of a basis.
+
+    `additive`: rows know nothing of other samples, so that blocks can be left out, added up and drawn again. One that
+    is not (its rows are read off a matrix of all samples) is made again for every choice of parts.
+    `in_memory`: it needs all samples at once.  `slopes`: x' may be given.  `lifts`: so may further lifting functions.
+    """
+
+    regression: Callable[[Measurements, Basis, Sequence[Part], Options], Regression]
+    additive: bool = True
+    in_memory: bool = False
+    slopes: bool = False
+    lifts: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,48 +106,6 @@ def _gram(segment: Trajectory, count: int, rows: RowsOf, basis: Basis, structure
 
 def _triangle(segment: Trajectory, count: int, rows: RowsOf) -> Triangle:
     return triangle(rows(segment, count))
-
-
-def weak_form(data: Measurements, basis: Basis, window: int, hold: str) -> Regression:
-    """The regression of the weak form."""
-    return Regression(data, partial(_weak_rows, basis=basis, window=window, hold=hold), window)
-
-
-def _weak_rows(segment: Trajectory, count: int, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
-    return window_rows(segment, basis, window, hold, 0, count)
-
-
-def slope_regression(data: Trajectories, basis: Basis, slopes: Sequence[ndarray], hold: str) -> Regression:
-    """The regression of derivatives."""
-    return Regression(with_slopes(data, slopes, hold), partial(derivative_rows, basis=basis))
-
-
-def koopman_regression(
-    data: Measurements, basis: Basis, lifting: Lifting, parts: Sequence[Part], hold: str, reading: str
-) -> Regression:
-    """The regression of the vector field that the generator of the given parts implies at every sample."""
-    K = edmd(data, lifting, hold, parts)
-    doubtful = doubtful_eigenvalues(data, lifting, K, hold, parts)
-    pairs = sum(part.stop - part.start - 1 for part in parts)
-    L = koopman_generator(K, sample_step(data), samples=pairs, hold=hold, doubtful=doubtful)
-    theta = _literal(L, data, lifting, parts) if reading == "literal" else None
-    rows = partial(_field_rows, lifting=lifting, L=L[:, : len(basis.states)], theta=theta)
-    return Regression(data, rows, K=K)
-
-
-def _literal(L: ndarray, data: Measurements, lifting: Lifting, parts: Sequence[Part]) -> Float[ndarray, "p n"]:
-    if not isinstance(data, Trajectories):
-        raise DataError('gamma="literal" needs the data in memory; use gamma="coordinates", or read fewer of them')
-    used = segments(data, parts)
-    x, u = (np.concatenate([getattr(run, name) for run in used]) for name in ("x", "u"))
-    return gamma(L, lifting, x, u, "literal").T
-
-
-def _field_rows(segment: Trajectory, count: int, lifting: Lifting, L: ndarray, theta: ndarray | None) -> Iterator[Rows]:
-    for begin in range(0, count, BLOCK):
-        run = segment[begin : min(begin + BLOCK, count)]
-        phi = lifting.columns(run.x, run.u)
-        yield phi, lifting.values(run.x, run.u) @ L if theta is None else phi @ theta
 
 
 def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[ndarray, "p n"]:

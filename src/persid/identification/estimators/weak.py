@@ -3,34 +3,45 @@
 x(t_{k+q}) - x(t_k) = A0 ∫x + sum_j A_j ∫f_j + B ∫u + b (t_{k+q} - t_k)
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy import ndarray
 
+from persid.errors import UnderdeterminedError
 from persid.identification.basis import Basis
 from persid.identification.gram import BLOCK, Rows
-from persid.measurements.recordings import Measurements, Part, lengths, segments
+from persid.identification.regressions import Estimator, Options, Regression
+from persid.identification.windows import choose_window
+from persid.measurements.recordings import Measurements, Part, lengths
 from persid.measurements.trajectories import Trajectory
 
-NOISE_RATIO = 30.0  # a window is long enough when the state moves by this many standard deviations of its noise
-LONGEST_WINDOW = 64
-ENOUGH = 20_000  # samples of a run that are enough to judge its noise
-MOST_JUDGED = 20  # runs whose noise is judged
 EQUAL = 1e-9  # relative spread of steps that counts as none
 FEW_TERMS = 4  # up to so many are added one by one, more by differences of running sums
 
 
-def window_rows(
-    run: Trajectory, basis: Basis, window: int, hold: str, start: int = 0, stop: int | None = None
-) -> Iterator[Rows]:
-    """Yield blocks of rows (integrals of the columns, increments of x) over the windows that begin in [start, stop).
+def weak_form(data: Measurements, basis: Basis, parts: Sequence[Part], options: Options) -> Regression:
+    """Return the regression of the weak form over windows of the given length, or of the shortest that is useful."""
+    window = choose_window(data) if options.window == "auto" else int(options.window)
+    longest = max(lengths(data))
+    if longest <= window:
+        raise UnderdeterminedError(f"the longest run has {longest} samples; a window of {window} needs {window + 1}")
+    return Regression(data, partial(window_rows, basis=basis, window=window, hold=options.hold), window, window=window)
+
+
+ESTIMATOR = Estimator(weak_form)
+
+
+def window_rows(run: Trajectory, count: int | None, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
+    """Yield blocks of rows (integrals of the columns, increments of x) over the windows that begin in the first
+    `count` samples (None: in any).
 
     States are integrated by Simpson's rule (any spacing; the window is even); inputs held from sample to sample are
     summed exactly (hold="zoh") or integrated like the states (hold="paper": they vary between samples).
     """
-    last = len(run) - window if stop is None else min(stop, len(run) - window)
-    for begin in range(start, last, BLOCK):
+    last = len(run) - window if count is None else min(count, len(run) - window)
+    for begin in range(0, last, BLOCK):
         piece = run[begin : min(begin + BLOCK, last) + window]
         yield _integrals(piece, basis, window, hold), piece.x[window:] - piece.x[:-window]
 
@@ -79,27 +90,3 @@ def _window_sums(pieces: ndarray, terms: int, stride: int, out: ndarray) -> None
         rows = len(out[first::stride])
         out[first::stride] = sums[terms - 1 : terms - 1 + rows]
         out[first + stride :: stride] -= sums[: max(rows - 1, 0)]
-
-
-def choose_window(data: Measurements) -> int:
-    """Return the shortest even window over which every state moves by many times its measurement noise.
-
-    The noise is read off third differences, which smooth motion hardly enters, at the beginnings of at most 20 runs.
-    """
-    counts = lengths(data)
-    longest = min(LONGEST_WINDOW, max(2, min(counts) // 20))
-    if longest < 4:
-        return 2
-    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), MOST_JUDGED)).astype(int))
-    heads = segments(data, [Part(int(r), 0, min(counts[r], ENOUGH), 0) for r in chosen])
-    window, runs = 2, [run.x for run in heads]
-    while 2 * window <= longest and not _moves_enough(runs, window):
-        window *= 2
-    return window
-
-
-def _moves_enough(runs: list[ndarray], window: int) -> bool:
-    noise = np.concatenate([np.diff(x, 3, axis=0) for x in runs if len(x) > 3] or [np.zeros((1, runs[0].shape[1]))])
-    moves = np.concatenate([x[window:] - x[:-window] for x in runs if len(x) > window])
-    sigma = np.sqrt((noise**2).mean(axis=0) / 20)
-    return bool((np.sqrt((moves**2).mean(axis=0)) >= NOISE_RATIO * sigma).all())

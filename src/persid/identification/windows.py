@@ -1,0 +1,35 @@
+"""Windows: over how many samples the states outrun their measurement noise."""
+
+import numpy as np
+from numpy import ndarray
+
+from persid.measurements.recordings import Measurements, Part, lengths, segments
+
+NOISE_RATIO = 30.0  # a window is long enough when the state moves by this many standard deviations of its noise
+LONGEST_WINDOW = 64
+ENOUGH = 20_000  # samples of a run that are enough to judge its noise
+MOST_JUDGED = 20  # runs whose noise is judged
+
+
+def choose_window(data: Measurements) -> int:
+    """Return the shortest even window over which every state moves by many times its measurement noise.
+
+    The noise is read off third differences, which smooth motion hardly enters, at the beginnings of at most 20 runs.
+    """
+    counts = lengths(data)
+    longest = min(LONGEST_WINDOW, max(2, min(counts) // 20))
+    if longest < 4:
+        return 2
+    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), MOST_JUDGED)).astype(int))
+    heads = segments(data, [Part(int(r), 0, min(counts[r], ENOUGH), 0) for r in chosen])
+    window, runs = 2, [run.x for run in heads]
+    while 2 * window <= longest and not _moves_enough(runs, window):
+        window *= 2
+    return window
+
+
+def _moves_enough(runs: list[ndarray], window: int) -> bool:
+    noise = np.concatenate([np.diff(x, 3, axis=0) for x in runs if len(x) > 3] or [np.zeros((1, runs[0].shape[1]))])
+    moves = np.concatenate([x[window:] - x[:-window] for x in runs if len(x) > window])
+    sigma = np.sqrt((noise**2).mean(axis=0) / 20)
+    return bool((np.sqrt((moves**2).mean(axis=0)) >= NOISE_RATIO * sigma).all())
