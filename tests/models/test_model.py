@@ -72,7 +72,7 @@ def test_a_file_gives_the_same_bits_back(tmp_path_factory, values):
 
 
 def test_models_are_equal_where_their_numbers_are(tmp_path):
-    """A model that was saved and loaded is the same one, whatever its provenance; another number makes another model."""
+    """A model that was saved and loaded is the same one, whatever its provenance; another number makes another one."""
     model = PersidskiiModel([[-1.0]], [("x**3", None, [[-0.1]])], [[0.5]], provenance={"method": "weak"})
     model.save(tmp_path / "model.json")
     again = load_model(tmp_path / "model.json")

@@ -93,7 +93,7 @@ def _timed(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _aligned(frame: pd.DataFrame, inputs: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
-    """Return the inputs in the order of the states: by their index, or by position where they have none of their own."""
+    """Return the inputs in the order of the states: by their index, by position where they have none."""
     if len(inputs) != len(frame):
         raise DataError(f"u has {len(inputs)} rows but x has {len(frame)}; give one input per state sample")
     if inputs.index.equals(frame.index) or any(isinstance(one.index, pd.RangeIndex) for one in (frame, inputs)):
