@@ -9,8 +9,6 @@ refuted globally; about the right one a region is certified. That a region is sm
     python examples/duffing.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
@@ -38,4 +36,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "duffing.svg")
+    main().savefig("duffing.svg")

@@ -41,4 +41,4 @@ def main(folder: Path = DATA) -> Figure:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2])).savefig(ROOT / "docs" / "images" / "gallery" / "faster.svg")
+    main(*map(Path, sys.argv[1:2])).savefig("faster.svg")

@@ -7,8 +7,6 @@ why a form of mixed signs, such as y - tanh y, can be used like a function of th
     python examples/lure.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
@@ -39,4 +37,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "lure.svg")
+    main().savefig("lure.svg")

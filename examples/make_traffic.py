@@ -4,9 +4,10 @@
 
 d2 is Gaussian, standard deviation 0.05, drawn anew for every sample and held over its step.
 
-    python examples/make_traffic.py
+    python examples/make_traffic.py examples/traffic.csv
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,6 @@ def simulate(seed: int = SEED) -> pd.DataFrame:
 
 
 if __name__ == "__main__":
-    path = Path(__file__).with_name("traffic.csv")
+    path = Path(sys.argv[1] if sys.argv[1:] else "traffic.csv")
     simulate().to_csv(path, index=False, float_format="%.12g")
     print(f"wrote {path}")

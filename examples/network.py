@@ -11,8 +11,6 @@ is unstable: a sum of distances cannot see the signs, which may well help.
     python examples/network.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 import scipy.sparse as sp
@@ -57,4 +55,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "network.svg")
+    main().savefig("network.svg")

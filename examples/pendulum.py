@@ -9,8 +9,6 @@ about states outside it; the pendulum may well return from many of them.
     python examples/pendulum.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
@@ -42,4 +40,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "pendulum.svg")
+    main().savefig("pendulum.svg")

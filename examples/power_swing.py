@@ -10,8 +10,6 @@ protection are not in the model.
     python examples/power_swing.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
@@ -44,4 +42,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "power_swing.svg")
+    main().savefig("power_swing.svg")

@@ -41,4 +41,4 @@ def main(folder: Path = DATA) -> Figure:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2])).savefig(ROOT / "docs" / "images" / "gallery" / "qube.svg")
+    main(*map(Path, sys.argv[1:2])).savefig("qube.svg")

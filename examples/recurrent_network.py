@@ -9,8 +9,6 @@ which does not say that the network is unstable; for the largest the rest state 
     python examples/recurrent_network.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
@@ -48,4 +46,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "recurrent_network.svg")
+    main().savefig("recurrent_network.svg")

@@ -33,4 +33,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(HERE.parent / "docs" / "images" / "gallery" / "traffic.svg")
+    main().savefig("traffic.svg")

@@ -9,8 +9,6 @@ set. Nothing is said about a tank that runs empty.
     python examples/two_tanks.py
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
@@ -42,4 +40,4 @@ def main() -> Figure:
 
 
 if __name__ == "__main__":
-    main().savefig(Path(__file__).parents[1] / "docs" / "images" / "gallery" / "two_tanks.svg")
+    main().savefig("two_tanks.svg")

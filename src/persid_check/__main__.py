@@ -1,11 +1,28 @@
-"""python -m persid_check FILE [--model model.json] [--explain]: exit 0 accepted, 1 rejected, 2 malformed."""
+"""python -m persid_check FILE [--model model.json] [--explain]: the checker as a program.
+
+Exit codes, those of every command of persid: 0 accepted, the model is proved stable; 1 accepted, it is proved not
+stable; 3 accepted, but all that is proved is that no certificate of a family exists; 5 rejected, the proof does not
+hold; 2 malformed, or wrong use; 4 internal error; 130 interrupted.
+"""
 
 import argparse
 import io
+import os
 import sys
 
 from persid_check.check import check
-from persid_check.results import Accepted, Rejected
+from persid_check.results import Accepted, Rejected, Result
+
+STABLE, NOT_STABLE, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+
+def exit_code(result: Result) -> int:
+    """Return the exit code of an answer."""
+    if isinstance(result, Accepted):
+        if result.claim.endswith("infeasible"):
+            return UNDECIDED
+        return NOT_STABLE if result.claim == "refuted" else STABLE
+    return REJECTED if isinstance(result, Rejected) else WRONG
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -18,16 +35,30 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        result = check(options.file, options.model, options.explain)
+        return _answer(options)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # nobody listens any more; keep the interpreter from complaining once more when it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return INTERNAL
     except OSError as error:
-        print(f"malformed: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 2
+        print(f"cannot be read or printed: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        return WRONG
+    except Exception as error:  # the border: an interpreter that ends by an exception says 1, which means refuted here
+        print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
+        return INTERNAL
+
+
+def _answer(options: argparse.Namespace) -> int:
+    result = check(options.file, options.model, options.explain)
     if isinstance(result, Accepted):
         print(f"accepted, claim {result.claim}: {result.statement}", *result.steps, sep="\n")
-        return 0
-    verdict = "rejected" if isinstance(result, Rejected) else "malformed"
-    print(f"{verdict}: {result.where}: {result.why}")
-    return 1 if isinstance(result, Rejected) else 2
+    else:
+        verdict = "rejected" if isinstance(result, Rejected) else "malformed"
+        print(f"{verdict}: {result.where}: {result.why}")
+    sys.stdout.flush()
+    return exit_code(result)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Kept certificates are accepted, and every falsehood is refused in the way that is due."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -136,7 +137,7 @@ def _run(arguments: list[str], *options: str) -> subprocess.CompletedProcess[str
 
 @pytest.mark.parametrize("options", [(), ("-O",), ("-OO",)])
 def test_exit_codes_alone_and_optimized(tmp_path: Path, options: tuple[str, ...]) -> None:
-    """Alone, and with python -O, the command exits 0 for accepted, 1 for rejected, 2 for malformed or missing files."""
+    """Alone, and with python -O, the program exits 0 for accepted, 5 for rejected, 2 for malformed or missing files."""
     outcomes = {falsehood.name: falsehood for falsehood in FALSEHOODS}
     rejected, malformed = tmp_path / "rejected.json", tmp_path / "malformed.json"
     rejected.write_bytes(outcomes["negative_mu"].content())
@@ -144,9 +145,49 @@ def test_exit_codes_alone_and_optimized(tmp_path: Path, options: tuple[str, ...]
     accepted = _run([str(named.VALID / "g_mixed_pair.json"), "--explain"], *options)
     assert (accepted.returncode, accepted.stderr) == (0, "")
     assert "claim G" in accepted.stdout
-    assert _run([str(rejected)], *options).returncode == 1
+    assert _run([str(rejected)], *options).returncode == 5
     assert _run([str(malformed)], *options).returncode == 2
     assert _run([str(tmp_path / "absent.json")], *options).returncode == 2
+
+
+@pytest.mark.parametrize("path", sorted(named.VALID.glob("*.json")), ids=lambda path: path.stem)
+def test_exit_codes_say_what_is_proved(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The program and persid check exit alike: 0 proved stable, 1 not stable, 3 only that no certificate exists."""
+    from persid.commands.cli import main as persid
+    from persid_check.__main__ import main as program
+
+    proved = {"infeasible": 3, "refuted": 1}.get(path.stem.split("_")[0], 0)
+    assert program([str(path)]) == proved
+    assert persid(["check", str(path)]) == proved
+
+
+def test_the_program_alone_needs_the_file_and_flint(tmp_path: Path) -> None:
+    """A folder with persid_check and python-flint, and no other package, checks a certificate."""
+    import flint
+
+    shutil.copytree(SOURCES / "persid_check", tmp_path / "persid_check")
+    for folder in (Path(flint.__file__).parent, Path(flint.__file__).parents[1] / "python_flint.libs"):
+        if folder.is_dir():
+            (tmp_path / folder.name).symlink_to(folder)
+    program = [sys.executable, "-S", "-m", "persid_check", str(named.VALID / "e_mixed_pair.json")]
+    done = subprocess.run(program, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "accepted, claim E" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(KeyboardInterrupt(), 130), (RuntimeError("x"), 4), (OSError(5, "I/O"), 2)]
+)
+def test_the_program_never_ends_by_a_traceback(error, code, monkeypatch, capsys) -> None:
+    """Whatever happens, the program ends with a code of the contract: never with the 1 that an exception would give."""
+    import persid_check.__main__ as program
+
+    def fail(*given):
+        raise error
+
+    monkeypatch.setattr(program, "check", fail)
+    assert program.main(["any.json"]) == code
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_the_sources_hold_no_assertion_and_no_evaluation() -> None:

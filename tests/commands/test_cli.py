@@ -55,15 +55,15 @@ def test_certify_and_check(here: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert (content["verdict"], content["scope"], content["file"]) == ("certified", "global", "c.json")
     assert cli.main(["check", "c.json", "--model", "model.json", "--explain"]) == 0
     assert "accepted, claim" in capsys.readouterr().out
-    assert cli.main(["check", "c.json", "--model", "unstable.json", "--json"]) == 1
+    assert cli.main(["check", "c.json", "--model", "unstable.json", "--json"]) == 5
     assert json.loads(capsys.readouterr().out)["result"] == "rejected"
 
 
 def test_refuted_exits_with_one(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A refuted model exits with 1, and its witness is a file that the checker accepts."""
+    """A refuted model exits with 1, and so does the check of its witness, which the checker accepts."""
     assert cli.main(["certify", "unstable.json", "-o", "w.json"]) == 1
     assert "refuted: " in capsys.readouterr().out
-    assert cli.main(["check", "w.json"]) == 0
+    assert cli.main(["check", "w.json"]) == 1
     assert "claim refuted" in capsys.readouterr().out
 
 
@@ -204,23 +204,35 @@ def test_malformed_models(here: Path, content: str, command: str, capsys: pytest
     assert "m.json" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("place", ["persid.reports.results.read_measurements", "persid.reports.page.write_report"])
-def test_interruption(here: Path, undecided: Undecided, place: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C gives exit code 130 and leaves nothing, whenever it comes."""
-    monkeypatch.setattr(place, raising(KeyboardInterrupt()))
+def test_an_early_interruption_leaves_nothing(
+    here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C before the fit is finished gives exit code 130 and leaves nothing."""
+    monkeypatch.setattr("persid.reports.results.read_measurements", raising(KeyboardInterrupt()))
     before = files(here)
     assert cli.main(RUN) == 130
     assert files(here) == before
     assert not (here / "out").exists()
 
 
-def test_interruption_of_the_search(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C during the search for a proof is an interruption, not an undecided verdict."""
-    monkeypatch.setattr(
-        sys.modules["persid.verdicts.certify"], "certify", lambda *a, **k: Undecided(Reason.INTERRUPTED)
-    )
-    assert cli.main(RUN) == 130
-    assert not (here / "out").exists()
+def test_a_finished_fit_survives_an_interruption(
+    here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C after the fit, in the search or the report, keeps the model beside older results, and says where."""
+    assert cli.main(RUN) == 3
+    before = {name: (here / "out" / name).read_bytes() for name in files(here / "out")}
+    search = sys.modules["persid.verdicts.certify"]
+    for place, stop in (
+        ((search, "certify"), lambda *a, **k: Undecided(Reason.INTERRUPTED)),
+        ((sys.modules["persid.reports.page"], "write_report"), raising(KeyboardInterrupt())),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(*place, stop)
+            assert cli.main(RUN) == 130
+        assert "is kept in out/interrupted.json" in capsys.readouterr().err
+        assert ps.load_model("out/interrupted.json") == ps.load_model("out/model.json")
+        (here / "out" / "interrupted.json").unlink()
+        assert {name: (here / "out" / name).read_bytes() for name in files(here / "out")} == before
 
 
 def test_internal_error(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

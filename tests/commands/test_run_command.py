@@ -142,7 +142,7 @@ def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
     words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]
     assert cli.main(words) == 3
-    assert cli.main(["check", "out/infeasible.json"]) == 0
+    assert cli.main(["check", "out/infeasible.json"]) == 3
     assert "python -m persid_check infeasible.json" in (here / "out" / "report.html").read_text()
     assert cli.main(["report", "out"]) == 0
 

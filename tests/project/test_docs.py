@@ -18,6 +18,7 @@ import pytest
 import persid as ps
 import persid_check
 from persid.commands.cli import main
+from persid_check.__main__ import main as check_alone
 from places import ROOT
 from shown import numbers, words
 
@@ -29,7 +30,13 @@ SHOWN = {
     "json",
     "{.python .example}",
 }  # not run here: outputs, files, and the examples, which test_examples runs
-ELSEWHERE = ("python3 -m venv", ".venv/bin/pip", ".venv/bin/pytest")  # what .ci/run does in a fresh environment
+ALONE = "PYTHONPATH=src checker/bin/python -m persid_check"
+ELSEWHERE = (
+    "python3 -m venv",
+    "checker/bin/pip",
+    ".venv/bin/pip",
+    ".venv/bin/pytest",
+)  # what .ci/run does in a fresh environment
 README = ROOT / "README.md"
 SHORT = ("1_000_000", "1_000")  # a network of a million states is tested with a thousand
 DELIVERED: dict[tuple[str, ...], tuple[Path, str]] = {}  # what `persid run` left and printed, by its arguments
@@ -80,6 +87,9 @@ def _persid(command: str) -> None:
     `persid run` takes seconds and stands on several pages: the same command is run once, and its folder copied.
     """
     if not command or command.startswith(ELSEWHERE):
+        return
+    if command.startswith(ALONE):
+        assert check_alone(shlex.split(command.removeprefix(ALONE))) == 0
         return
     program, *arguments = shlex.split(command.removeprefix(".venv/bin/"))
     assert program == "persid", f"{command!r} is no persid command; mark the block as text"

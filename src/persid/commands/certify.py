@@ -129,12 +129,15 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
 
     This is the independent checker. The same without persid, with Python and python-flint only:
     python -m persid_check CERTIFICATE.json
+    The exit code says what is proved: 0 that the model is stable, 1 that it is not, 3 only that no certificate of a
+    family exists; 5 that the file proves nothing.
 
     \b
     Example:
       persid check certificate.json --model model.json
     """
     import persid_check
+    from persid_check.__main__ import exit_code
 
     answer = persid_check.check(certificate, model, explain)
     name = type(answer).__name__.lower()
@@ -146,7 +149,7 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
         rows = [("verdict", name), ("where", answer.where), ("why", answer.why)]
         content = {"where": answer.where, "why": answer.why}
     Talk(as_json, quiet).result({"result": name, **content}, rows)
-    return {"accepted": DONE, "rejected": REFUTED, "malformed": WRONG}[name]
+    return exit_code(answer)
 
 
 def _targets(models: Sequence[Path], output: Path) -> list[Path]:

@@ -1,32 +1,38 @@
 """How a command ends: exit codes, errors in words, and the checks before and after the work that all commands share."""
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from persid._files import in_place
 from persid.errors import DataError, ModelError, PersidError
 
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
 
-DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 4, 130
+DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 EXIT_CODES = {
-    DONE: "certified, accepted or done",
-    REFUTED: "refuted or rejected, and nothing else",
+    DONE: "proved stable, or done",
+    REFUTED: "proved not stable, and nothing else",
     WRONG: "wrong use, bad input or a malformed file",
-    UNDECIDED: "undecided",
+    UNDECIDED: 'undecided, or only "no certificate exists" is proved',
     INTERNAL: "internal error",
+    REJECTED: "rejected: the proof in the file does not hold",
     INTERRUPTED: "interrupted",
 }
+KEPT = "interrupted.json"  # the model of a run that was interrupted after its fit
 EXIT = {"certified": DONE, "refuted": REFUTED, "undecided": UNDECIDED}
 
 
 def explain(error: BaseException) -> tuple[int, str]:
     """Return exit code and message of an exception."""
     if isinstance(error, click.Abort | KeyboardInterrupt):
-        return INTERRUPTED, "interrupted; nothing was written"
+        said = str(error) or str(error.__cause__ or "")  # click makes an interruption the cause of its own
+        return INTERRUPTED, said or "interrupted; nothing was written"
     if isinstance(error, click.ClickException):
         ctx = getattr(error, "ctx", None)
         hint = f"\n{ctx.get_usage()}\nTry: {ctx.command_path} --help" if ctx else ""
@@ -44,11 +50,30 @@ def explain(error: BaseException) -> tuple[int, str]:
 
 def refuse_unwritable(path: Path) -> None:
     """Refuse early what could not be written in the end."""
+    if in_place(path):
+        return
     existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
     if existing != path.absolute() and not existing.is_dir():
         raise DataError(f"{path} cannot be written: {existing} is a file; give another -o")
     if not os.access(existing, os.W_OK):
         raise DataError(f"{path} cannot be written: no permission at {existing}; give another -o")
+
+
+@contextmanager
+def kept(folder: Path) -> "Iterator[Callable[[PersidskiiModel], None]]":
+    """Yield what takes a fit that is finished; where the work after it is interrupted, the newest one is written."""
+    finished: list[Any] = []
+    try:
+        yield finished.append
+    except KeyboardInterrupt:
+        if not finished:
+            raise
+        folder.mkdir(parents=True, exist_ok=True)
+        finished[-1].save(folder / KEPT)
+        raise KeyboardInterrupt(
+            f"interrupted; the fit was finished and is kept in {folder / KEPT}, which persid certify takes; "
+            "nothing else was written"
+        ) from None
 
 
 def read_model(path: Path) -> "PersidskiiModel":

@@ -14,6 +14,7 @@ from persid.commands.exit_codes import (
     DONE,
     EXIT,
     INTERRUPTED,
+    kept,
     question,
     refuse_unwritable,
     uninterrupted,
@@ -75,12 +76,13 @@ def run(
     usual = domain == "global" and operating_point is None and u_op is None
     if select and not usual:
         raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
-    with talk.progress() as progress:
+    with talk.progress() as progress, kept(output) as keep:
         progress("reading the measurements")
         data = tuple(files_of(data))
         measured = read_measurements(data, **how)
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine)
+        keep(fit.model_)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)

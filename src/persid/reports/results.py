@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import os
 import platform
 import shutil
 import tempfile
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import persid_check
-from persid._files import write_atomically
+from persid._files import move, write_atomically
 from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
@@ -108,7 +107,7 @@ def delivery(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
         for file in sorted(path for path in stage.rglob("*") if path.is_file()):
             target = folder / file.relative_to(stage)
             target.parent.mkdir(exist_ok=True)
-            os.replace(file, target)
+            move(file, target)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
         for path in made:
