@@ -1,7 +1,14 @@
-"""Every test runs with the shapes in persid's signatures checked: jaxtyping's hook with beartype."""
+"""Every test runs with the shapes in persid's signatures checked, on one thread, and by a clock that counts.
 
+The clock: a look at `time.perf_counter` is a step of 5 ms, about what it takes on a free machine. So a time limit in a
+test, or in a snippet of the documentation, is a budget of steps: the same on every machine, however busy.
+"""
+
+import itertools
 import json
+import os
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +21,16 @@ if TYPE_CHECKING:
     from persid.verdicts.verdict import Undecided
 
 install_import_hook(["persid"], "beartype.beartype")
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # the suite takes a process a core
+_looks = itertools.count()
+time.perf_counter = lambda: 0.005 * next(_looks)
 
 _DATA = SHARED / "data"
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Take a process a core for the whole suite, and none for single files, which would wait for them in vain."""
+    return None if config.args_source is config.ArgsSource.TESTPATHS else 0
 
 
 @pytest.fixture(scope="session")

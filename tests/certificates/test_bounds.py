@@ -26,6 +26,7 @@ def certificates() -> dict[str, ps.Certificate]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FEW)
 def test_never_exceeded(certificates: dict[str, ps.Certificate], name: str) -> None:
     """No adversary exceeds the bound, and the gain is within a factor 2.5 of the worst of them."""
@@ -131,6 +132,7 @@ def units() -> ps.Certificate:
     return verdict.certificate
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sizes", [(1.0, 0.0), (0.0, 200.0), (1.0, 200.0)])
 def test_gain_of_each_input_is_never_exceeded(units: ps.Certificate, sizes: tuple[float, float]) -> None:
     """With one input alone, or both, no adversary exceeds the bound, which is within a factor 2.5 of the worst."""

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -42,12 +43,19 @@ STABLE = PersidskiiModel(
 UNSTABLE = PersidskiiModel([[0.4]], [("x**3", None, [[-0.5]])], [[0.3]])  # two stable equilibria: never certified
 
 
+@cache
 def runs(model: PersidskiiModel = STABLE, noise: float = 0.01, seed: int = 0, count: int = 2) -> Trajectories:
     """Return noisy runs of a model from random initial states."""
     rng = np.random.default_rng(seed)
     found = [model.simulate(rng.normal(size=model.n), T, U)[0] for _ in range(count)]
     x = [run.x + noise * rng.normal(size=run.x.shape) for run in found]
     return Trajectories.from_arrays(x, [U] * count, t=[T] * count)
+
+
+@cache
+def usual() -> CertifiedIdentifier:
+    """Return the fit that several tests look at."""
+    return CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5).fit(runs())
 
 
 def frame_of(ridge: float = 1e-6, *, full_P: bool = True, anchor: object = None, demand: Demand | None = None) -> Frame:
@@ -83,6 +91,7 @@ def test_a_fit_that_is_not_stable_is_made_so():
     assert "certified" in str(fit.report_)
 
 
+@pytest.mark.long
 @settings(max_examples=4, deadline=None)
 @given(
     st.integers(0, 10_000), st.sampled_from([["x", "tanh(x)"], ["x", "x**3"], ["x", "sinh(x)", "tanh(x)"], ["x**3"]])
@@ -102,13 +111,14 @@ def test_certified_or_plainly_not(seed, functions):
 
 def test_saved_floats_are_those_that_were_certified(tmp_path):
     """The model that is read back from its file is the model of the certificate."""
-    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5).fit(runs())
+    fit = usual()
     fit.model_.save(tmp_path / "model.json")
     fit.certificate_.save(tmp_path / "certificate.json")
     answer = persid_check.check(str(tmp_path / "certificate.json"), str(tmp_path / "model.json"))
     assert isinstance(answer, persid_check.Accepted)
 
 
+@pytest.mark.long
 def test_rates_are_certified():
     """A rate that is asked for stands in the certificate, and one that the data contradict costs accuracy."""
     free = PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5)
@@ -119,6 +129,7 @@ def test_rates_are_certified():
     assert hard.report_.excess > 10 * max(easy.report_.excess, 1e-3)
 
 
+@pytest.mark.long
 def test_gains_are_certified():
     """A gain that is asked for is the certificate's bound or larger."""
     fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5, max_gain=5.0).fit(runs())
@@ -169,6 +180,7 @@ def test_fixed_coefficients_stay():
 TRIANGULAR = np.array([[True, True], [False, True]])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("options", [{"pattern": TRIANGULAR}, {"shared": True}, {"constant": False}])
 def test_structure_is_kept(options):
     """Patterns, shared coefficients and a missing constant hold in the certified model as in the free one."""
@@ -183,6 +195,7 @@ def test_structure_is_kept(options):
         assert not fit.model_.b.any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["derivative", "edmd"])
 def test_every_estimator_will_do(method):
     """All estimators end in a Gram matrix, and that is all that is needed."""
@@ -192,6 +205,7 @@ def test_every_estimator_will_do(method):
     assert accepted(fit)
 
 
+@pytest.mark.long
 def test_functions_are_selected():
     """select="auto" finds that data of a linear system need no function, and lists what was tried."""
     linear = PersidskiiModel([[-1.0, 2.0], [-1.5, -0.5]], B=[[1.0], [0.5]])
@@ -254,6 +268,7 @@ def test_polishing_lowers_the_free_run_error_under_the_certificate():
     assert all(State.at(frame.inequality, point) is not None and point.slack == 0 for point in points)
 
 
+@pytest.mark.long
 def test_a_biased_regression_is_mended():
     """Where noisy velocities and the ridge ruin the free fit, the certified model's free runs follow the data."""
     t = 0.01 * np.arange(1000)
@@ -267,6 +282,7 @@ def test_a_biased_regression_is_mended():
     assert fit.report_.free.r2_states[0] < 0.9
 
 
+@pytest.mark.long
 def test_delivered_fits_have_a_rate():
     """What a run delivers after a fit under the certificate shows a rate and a gain (claim E)."""
     free = PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-4)
@@ -360,13 +376,13 @@ def test_clones_and_parameters():
 
 def test_scores_and_simulations_are_those_of_the_certified_model():
     """predict, simulate and score speak of model_."""
-    data = runs()
-    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-5), ridge=1e-5).fit(data)
+    data, fit = runs(), usual()
     assert fit.score(data) == pytest.approx(free_run_score(fit.model_, data).r2_mean)
     assert fit.predict(data).shape == (1200, 2)
     assert fit.simulate([1.0, 1.0], T, U)[0].diverged_at is None
 
 
+@pytest.mark.long
 def test_a_run_delivers_both_fits_side_by_side(tmp_path, monkeypatch, capsys):
     """persid run fits again where the free fit is not certified, and table, page and run.json show both."""
     verdict = Undecided(Reason.STALLED, "Try more ridge.", (Attempt("a look", "stalled", 0.5),))

@@ -84,6 +84,7 @@ def _compare(count: int, seed: int) -> Counter[str]:
     return counts
 
 
+@pytest.mark.long
 def test_no_lemma_is_contradicted() -> None:
     """On 60 random functions every proved property agrees with samples, and many are proved and many false."""
     with ctx.workprec(192):
@@ -93,7 +94,7 @@ def test_no_lemma_is_contradicted() -> None:
         assert counts[f"{name} false"] > 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_lemma_is_contradicted_in_many_trials() -> None:
     """The same on 1,500 random functions."""
     with ctx.workprec(192):

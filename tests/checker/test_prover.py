@@ -1,7 +1,6 @@
 """The univariate prover proves what is true in the list of the specification, and nothing that is false."""
 
 import random
-import time
 from fractions import Fraction
 
 import pytest
@@ -26,6 +25,7 @@ from persid_check.prover import (
     prove_strictly_increasing,
 )
 from persid_check.taylor import variable
+from persid_check.work import allowance, limited
 
 F = Fraction
 ONE = (F(0), F(1))
@@ -89,10 +89,9 @@ def curve(*texts: str, alpha: Fraction = Fraction(1)):
 
 @pytest.mark.parametrize("text", INCREASING + MORE_TRUE)
 def test_true_sector_functions_are_proved(text: str) -> None:
-    """Each true sector function is proved on R, within 5 s."""
-    start = time.perf_counter()
-    assert prove_sector_form(curve(text), ONE)
-    assert time.perf_counter() - start < 5
+    """Each true sector function is proved on R, within the steps that a file may take."""
+    with limited(allowance(1)):
+        assert prove_sector_form(curve(text), ONE)
 
 
 @pytest.mark.parametrize("shift", [F(7, 10), F(-23, 10)])
@@ -260,7 +259,7 @@ def test_the_slope_at_a_kink_holds_both_sides(name: str, kink: int, low: int, hi
 
 
 def test_hard_expressions_end_soon() -> None:
-    """Expressions made to be hard are answered within 5 s each."""
+    """Expressions made to be hard are answered within the steps that a file may take."""
     for text in (
         "sin(1000*x)*x",
         "(" * 60 + "x" + "**64)" * 60,
@@ -268,9 +267,8 @@ def test_hard_expressions_end_soon() -> None:
         "x*sin(x)**2+x/1e300",
         "sin(exp(x))+x",
     ):
-        start = time.perf_counter()
-        prove_sector_form(curve(text), ONE)
-        assert time.perf_counter() - start < 5, text
+        with limited(allowance(1)):
+            prove_sector_form(curve(text), ONE)
 
 
 def _shares(count: int, seed: int) -> tuple[int, int, int]:
@@ -299,7 +297,7 @@ def test_random_expressions() -> None:
     assert proved > 0.5 * true
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_random_expressions() -> None:
     """Of 5,000 random expressions no false one is proved."""
     assert _shares(5000, seed=3)[0] == 0

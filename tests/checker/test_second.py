@@ -2,6 +2,8 @@
 
 import random
 
+import pytest
+
 from checker import named
 from checker.falsehoods import FALSEHOODS
 from checker.maker import data
@@ -45,6 +47,7 @@ def test_both_agree_on_falsehoods() -> None:
     assert counts["refused by both"] >= 40
 
 
+@pytest.mark.long
 def test_both_agree_on_mutants() -> None:
     """Both checkers agree on a sample of mutants of the supported certificates."""
     choose = random.Random(5)

@@ -208,7 +208,7 @@ def test_an_early_interruption_leaves_nothing(
     here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C before the fit is finished gives exit code 130 and leaves nothing."""
-    monkeypatch.setattr("persid.reports.results.read_measurements", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("persid.measurements.readers.read_measurements", raising(KeyboardInterrupt()))
     before = files(here)
     assert cli.main(RUN) == 130
     assert files(here) == before
@@ -310,6 +310,7 @@ def test_colour(variable: str, coloured: bool, monkeypatch: pytest.MonkeyPatch) 
     assert ("\x1b" in talk.paint("certified: yes")) == coloured
 
 
+@pytest.mark.long
 def test_explain_prints_every_attempt(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """--explain prints what was tried, how it ended and the seconds, for people and for programs."""
     assert cli.main(["certify", "model.json", "-o", "c.json", "--explain"]) == 0

@@ -58,6 +58,7 @@ def test_broken_measurements(here: Path, what: str, command: list[str], capsys: 
     assert not (here / "out").exists()
 
 
+@pytest.mark.long
 def test_gaps_are_reported(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
     """A gap splits the run, and the table and the report say so."""
     rows = TRAFFIC.read_text().splitlines()
@@ -127,6 +128,7 @@ def test_bootstrap_command(here: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert np.shape(written["deviations"]) == np.shape(written["coefficients"]) == (2, 4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", [RUN, IDENTIFY], ids=["run", "identify"])
 @pytest.mark.usefixtures("plain_page", "undecided")
 def test_refine(here: Path, command: list[str]) -> None:

@@ -68,6 +68,7 @@ def test_quiet_prints_nothing(here: Path, undecided: Undecided, capsys: pytest.C
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.long
 def test_report_is_rebuilt(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
     """persid report builds the same page again from the files of a run."""
     cli.main(RUN)
@@ -77,6 +78,7 @@ def test_report_is_rebuilt(here: Path, undecided: Undecided, capsys: pytest.Capt
     assert (here / "out" / "report.html").read_text() == page
 
 
+@pytest.mark.long
 def test_report_without_measurements(here: Path, undecided: Undecided) -> None:
     """Where the measurements have changed since, the report is rebuilt without them and says so."""
     cli.main(RUN)

@@ -53,6 +53,7 @@ def distance(found: PersidskiiModel, truth: PersidskiiModel, data: Trajectories)
     return float(np.abs(found.rhs(x, u) - rate).max() / np.abs(rate).max())
 
 
+@pytest.mark.long
 @settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.integers(0, 10_000), st.sampled_from([1, 2, 3]))
 def test_identify_recovers_what_was_simulated(seed, n):
@@ -77,6 +78,7 @@ def test_estimators_agree_on_clean_data(method, scale):
     assert distance(fit.model_, truth, data) < (1e-3 if method == "weak" else 3e-2)
 
 
+@pytest.mark.long
 def test_refinement_reaches_the_truth_from_a_biased_fit():
     """Least squares through the differential equation takes the bias of a strong ridge away."""
     truth = stable_model(5)
@@ -273,6 +275,7 @@ def test_least_squares_is_warned_about():
     assert report.largest_coefficient > 20
 
 
+@pytest.mark.long
 def test_dynamics_within_a_sample_are_left_to_edmd():
     """Where the weak form cannot see what settles within a sample, the report names the estimator that can."""
     rng = np.random.default_rng(0)
@@ -366,6 +369,7 @@ def test_inputs_that_do_not_fit_are_refused():
         PersidskiiIdentifier().fit(np.ones((1000, 2)), u=np.ones((999, 1)), dt=0.1)
 
 
+@pytest.mark.long
 def test_the_pendulum_and_the_rig_are_identified(measurements):
     """Free runs on held-out data follow the rig, and with velocities appended the pendulum's arm."""
     rig = read_csv(measurements / "faster" / "faster.csv", states=["y"], inputs=["r", "d"], dt=0.00775313)

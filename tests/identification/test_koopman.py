@@ -243,12 +243,13 @@ print(fit.coef_.shape)
 """
 
 
+@pytest.mark.long
 def test_four_hundred_functions_fit_in_two_gibibytes():
     """A lifting of 400 functions of 100 states works in the `coordinates` reading within 2 GiB."""
     limit = (2 << 30, 2 << 30)
     done = subprocess.run(
         [sys.executable, "-c", LARGE],
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

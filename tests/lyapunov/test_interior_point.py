@@ -83,7 +83,7 @@ def confirmed(seed: int) -> bool | None:
         return False
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::UserWarning:cvxpy", "ignore:.*sol.*accurate.*:UserWarning")
 def test_a_thousand_signs_agree_with_clarabel_and_the_exact_check() -> None:
     """On 1,000 random problems the sign of the margin is Clarabel's, and the checker accepts what is feasible."""

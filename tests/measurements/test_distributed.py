@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-import time
 import tracemalloc
 import warnings
 from collections.abc import Iterator
@@ -68,6 +67,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("window", ["auto", 64])
 @pytest.mark.parametrize("case", CASES)
 def test_the_same_gram_matrices_as_in_memory(tmp_path: Path, case: str, window: Any) -> None:
@@ -219,6 +219,7 @@ def cluster() -> Iterator[Any]:
             yield client
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 def test_a_lost_worker_is_survived(tmp_path: Path, cluster: Any) -> None:
     """With a worker killed in the middle of a pass, the fit has the Gram matrices of a fit in memory."""
@@ -232,10 +233,8 @@ def test_a_lost_worker_is_survived(tmp_path: Path, cluster: Any) -> None:
         if line.startswith("summing: 0 of"):
             threading.Timer(0.05, os.kill, (victim, signal.SIGKILL)).start()
 
-    started = time.monotonic()
     there = ps.open_recordings(tmp_path, **NAMES, engine=cluster, progress=tell)
     fit = ps.PersidskiiIdentifier().fit(there)
-    assert time.monotonic() - started < 90
     assert victim not in cluster.run(os.getpid).values()
     assert "summing: 60 of 60 chunks" in seen
     same(ps.PersidskiiIdentifier().fit(ps.read_csv(files_of(tmp_path), **NAMES)).gram_, fit.gram_)

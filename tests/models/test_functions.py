@@ -40,6 +40,15 @@ def test_antiderivatives_agree_with_quadrature(text):
     assert np.allclose(f.antiderivative(POINTS), expected, rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.parametrize("text", ["cos(1)", "exp(2)", "2**3", "3", "sqrt(4)", "relu(1)"])
+def test_constants_are_constant(text):
+    """A function of a number alone has that value everywhere, no slope, and a straight line as its integral."""
+    f, value = scalar_function(text), {"cos(1)": np.cos(1), "exp(2)": np.exp(2), "2**3": 8, "3": 3, "sqrt(4)": 2}
+    assert np.allclose(f.value(POINTS), value.get(text, 1))
+    assert np.allclose(f.derivative(POINTS), 0)
+    assert np.allclose(f.antiderivative(POINTS), value.get(text, 1) * POINTS)
+
+
 @pytest.mark.parametrize("exponent", range(1, 12))
 def test_powers_are_products(exponent):
     """Small integer powers agree with the general power to the last digits."""

@@ -39,6 +39,7 @@ def test_an_unstable_sinh_model_ends_soon():
     assert time.process_time() - began < 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [1e4, 1e12, 1e30])
 @pytest.mark.parametrize("u", [None, WHITE])
 def test_stiff_and_bounded_is_no_divergence(rate, u):

@@ -43,6 +43,7 @@ def test_callables_are_the_right_side(everything):
     assert np.allclose(rhs(0.0, X), everything.rhs(X), rtol=1e-13)
 
 
+@pytest.mark.long
 def test_compiled_callables_are_the_right_side(everything):
     """Numba's function gives x' with an input and with none, with every word of the grammar."""
     pytest.importorskip("numba")

@@ -175,6 +175,7 @@ def estimate(certificate: NetworkCertificate, model: ps.PersidskiiModel, rng: np
     return np.concatenate(found)
 
 
+@pytest.mark.long
 def test_what_is_certified_decreases_everywhere() -> None:
     """Of random networks, those certified about every equilibrium contract at random pairs of states and inputs."""
     rng = np.random.default_rng(3)

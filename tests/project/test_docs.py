@@ -38,6 +38,7 @@ ELSEWHERE = (
     ".venv/bin/pytest",
 )  # what .ci/run does in a fresh environment
 README = ROOT / "README.md"
+LONG = ("fitting-under-the-certificate", "troubleshooting", "large-data")  # their snippets run with -m long
 SHORT = ("1_000_000", "1_000")  # a network of a million states is tested with a thousand
 DELIVERED: dict[tuple[str, ...], tuple[Path, str]] = {}  # what `persid run` left and printed, by its arguments
 
@@ -122,7 +123,11 @@ def _certificate(folder: Path) -> None:
     ps.certify(model).certificate.save(folder / "certificate.json")
 
 
-@pytest.mark.parametrize("page", [*PAGES, README], ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.long] * (page.stem in LONG)) for page in [*PAGES, README]],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
 def test_snippets_run(page: Path, here: Path) -> None:
     """Every snippet of a page runs, in the order of the page, and prints the numbers and words that the page shows."""
     runnable = [block for block in blocks(page) if block.language in ("python", "sh", "bash")]

@@ -13,7 +13,7 @@ from shown import numbers, words
 
 LARGEST = 300_000  # bytes of a picture
 LONGEST = 60  # lines of an example
-MEASURED = ("qube", "faster")  # 20,000 samples each: run with -m slow
+QUICK = ("lure", "two_tanks", "duffing")  # the others run with -m long
 
 
 def _run(name: str, picture: Path) -> str:
@@ -34,7 +34,7 @@ SHOWN = make_gallery.printed_before()
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in MEASURED)) for name in make_gallery.TITLES]
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name not in QUICK)) for name in make_gallery.TITLES]
 )
 def test_example_prints_what_the_gallery_shows(name: str, tmp_path: Path) -> None:
     """An example runs, saves a picture of moderate size, and prints the numbers and words of its section."""

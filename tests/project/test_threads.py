@@ -24,6 +24,7 @@ def test_one_thread_inside_and_as_before_outside() -> None:
             assert _threads() == before
 
 
+@pytest.mark.long
 def test_proofs_and_constrained_fits_use_one_thread() -> None:
     """What certify and CertifiedIdentifier do is done with one thread; an interruption gives the others back."""
     seen: list[int] = []

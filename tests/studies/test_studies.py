@@ -15,7 +15,7 @@ from persid.studies import STUDIES, bases, recorded, run_study, traffic, wave
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, spread
 
-QUICKEST = [pytest.param(name, marks=pytest.mark.slow) if name == "traffic" else name for name in STUDIES]
+QUICKEST = [name if name == "bases" else pytest.param(name, marks=pytest.mark.long) for name in STUDIES]
 MADE: dict[str, tuple[Study, Path]] = {}
 
 
@@ -75,7 +75,7 @@ def test_files_of_a_study(quick: Callable, name: str) -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_proof_of_the_traffic_study_checks(quick: Callable) -> None:
     """The checker accepts every certificate and witness in the folder, and there is one for every decided verdict."""
     folder = quick("traffic")[1]

@@ -14,6 +14,7 @@ from persid.measurements.trajectories import Trajectories
 from persid.verdicts import batches
 from persid.verdicts.verdict import Reason, Undecided
 
+ENDLESS = 1e6  # s: in other processes the clock runs, and must not decide
 STABLE = ps.PersidskiiModel([[-1.0, 0.5], [0.5, -2.0]], [("tanh(x)", None, -np.eye(2))], [[1.0], [0.0]])
 UNSTABLE = ps.PersidskiiModel([[0.5, 1.0], [-1.0, 0.5]], B=[[1.0], [0.0]])
 
@@ -30,12 +31,12 @@ def test_order_is_kept_and_failures_stand_in_their_place(tmp_path: Path, engine:
     STABLE.save(tmp_path / "stable.json")
     models = [UNSTABLE, tmp_path / "broken.json", tmp_path / "absent.json", tmp_path / "stable.json", STABLE]
     lines: list[str] = []
-    answers = ps.certify_many(models, engine=engine, jobs=2, progress=lines.append, time_limit=20.0)
+    answers = ps.certify_many(models, engine=engine, jobs=2, progress=lines.append, time_limit=ENDLESS)
     assert names(answers) == ["Refuted", "Failed", "Failed", "Certified", "Certified"]
     assert "broken.json" in str(answers[1])
     assert not answers[1].is_certified
     assert lines[-1] == "deciding: 5 of 5 models"
-    assert answers[3].certificate.data == ps.certify(STABLE).certificate.data
+    assert answers[3].certificate.data == ps.certify(STABLE, time_limit=ENDLESS).certificate.data
 
 
 def die(model: Any, question: Any) -> Any:
@@ -45,6 +46,7 @@ def die(model: Any, question: Any) -> Any:
     return batches.Failed(f"seen {model}")
 
 
+@pytest.mark.long
 def test_a_process_that_dies_is_one_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that is killed fails the one model that kills it; the others have their answers."""
     monkeypatch.setattr(batches, "_decide", die)
@@ -87,6 +89,7 @@ def fitted(samples: int = 2000, noise: float = 0.01, **how: Any) -> ps.Persidski
     return ps.PersidskiiIdentifier(["x", "tanh(x)"], **{"ridge": 1e-4, **how}).fit(data)
 
 
+@pytest.mark.long
 def test_bootstrap_of_a_stable_system() -> None:
     """Refits scatter about the fit as their errors say, and nearly all are certified, with rates and gains."""
     fit = fitted()
@@ -102,6 +105,7 @@ def test_bootstrap_of_a_stable_system() -> None:
     assert np.array_equal(again.coefficients, found.coefficients)
 
 
+@pytest.mark.long
 def test_the_spread_is_that_of_new_data(monkeypatch: pytest.MonkeyPatch) -> None:
     """The standard deviations of coefficients agree, to a factor of two, with those over repeated experiments."""
     monkeypatch.setattr(
@@ -123,6 +127,7 @@ def test_the_spread_is_that_of_new_data(monkeypatch: pytest.MonkeyPatch) -> None
     assert (ratio < 2).all()
 
 
+@pytest.mark.long
 def test_an_interrupted_bootstrap_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C leaves the refits that have a verdict."""
     fit, calls = fitted(), [0]

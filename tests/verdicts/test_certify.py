@@ -40,7 +40,7 @@ def scalar(a: float = 0.0, b: float = 0.0, B: float = 1.0, **terms: float) -> ps
 @WARNS
 @pytest.mark.parametrize(
     "case",
-    [pytest.param(case, marks=pytest.mark.slow if case.name in LONG else ()) for case in ASKED],
+    [pytest.param(case, marks=pytest.mark.long if case.name in LONG else ()) for case in ASKED],
     ids=lambda case: case.name,
 )
 def test_questions(case: Case) -> None:
@@ -172,9 +172,9 @@ def hard() -> ps.PersidskiiModel:
 
 def test_time_limit() -> None:
     """A hard question stops soon after its time limit, with a reason or with what was reached."""
-    started = time.process_time()  # of this process, so that a busy machine does not count
-    verdict = ps.certify(hard(), time_limit=2.0)
-    assert time.process_time() - started < 4.5
+    started = time.perf_counter()  # which counts looks at the clock, see conftest
+    verdict = ps.certify(hard(), time_limit=0.5)
+    assert time.perf_counter() - started < 1.5
     if isinstance(verdict, ps.Undecided):
         assert verdict.reason is Reason.TIME
 
@@ -243,6 +243,7 @@ def planar(drawn: tuple[list[int], str, int]) -> ps.PersidskiiModel:
     return ps.PersidskiiModel(A0, [(f, None, A)], [[1.0], [numbers[8]]])
 
 
+@pytest.mark.long
 @QUICK
 @given(PLANAR)
 def test_what_is_certified_is_accepted_and_decreases(tmp_path_factory: pytest.TempPathFactory, drawn: Any) -> None:
@@ -262,6 +263,7 @@ def test_what_is_certified_is_accepted_and_decreases(tmp_path_factory: pytest.Te
     assert (np.diff(V, axis=0) <= 1e-9 * V[0]).all()
 
 
+@pytest.mark.long
 @QUICK
 @given(PLANAR)
 def test_no_model_is_both(without_rates: None, drawn: Any) -> None:
@@ -298,6 +300,7 @@ def test_refutation_survives_small_changes() -> None:
     assert words == ["Certified", "Certified", "Refuted", "Refuted"]
 
 
+@pytest.mark.long
 def test_region_keeps_its_trajectories() -> None:
     """From the edge of a certified region no admissible input, however adverse, drives the pendulum out of it."""
     model = ps.PersidskiiModel(**PENDULUM)

@@ -67,6 +67,7 @@ UNSTABLE = PersidskiiModel([[0.3, 1.0], [-1.0, 0.1]], [("tanh(x)", None, [[-0.1,
 BOTH = [(PAIR, "certified"), (UNSTABLE, "refuted")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("model", "expected"), [(PAIR, "certified"), (UNSTABLE, "refuted")], ids=["stable", "unstable"]
 )
@@ -85,6 +86,7 @@ def test_units_of_time(model: PersidskiiModel, expected: str, seconds: float) ->
     assert verdict(rescaled(model, seconds, np.ones(2))) == expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("model", "expected"), [(PAIR, "certified"), (UNSTABLE, "refuted")], ids=["stable", "unstable"]
 )

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import ModelError
-from persid_check.expression import ExpressionError, Program, parse
+from persid_check.expression import ExpressionError, Instruction, Program, parse
 
 _Unary = Callable[[ndarray], ndarray]
 
@@ -209,12 +209,17 @@ class ScalarFunction:
     @cached_property
     def on_arrays(self) -> _Unary:
         """The function as a plain callable on arrays of at least one dimension, for inner loops."""
-        program = self.program
-        if len(program) == 2 and program[1].name in _FUNCTIONS:
-            return _FUNCTIONS[program[1].name][0]
-        if len(program) == 2 and program[1].name == "**":
-            return partial(_power, exponent=float(program[1].value or 0))
-        return partial(_value, program)
+        step = self._only_step
+        if step is not None and step.name in _FUNCTIONS:
+            return _FUNCTIONS[step.name][0]
+        if step is not None and step.name == "**":
+            return partial(_power, exponent=float(step.value or 0))
+        return partial(_value, self.program)
+
+    @property
+    def _only_step(self) -> Instruction | None:
+        """The one step that is taken from x, in functions such as tanh(x) and x**3; None in others, such as tanh(1)."""
+        return self.program[1] if len(self.program) == 2 and self.program[0].name == "x" else None
 
     def value(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return f(y), elementwise."""
@@ -229,11 +234,11 @@ class ScalarFunction:
         return _on_arrays(self._antiderivative, y)
 
     def _antiderivative(self, y: ndarray) -> ndarray:
-        last = self.program[-1]
+        step = self._only_step
         if len(self.program) == 1:
-            return 0.5 * y**2 if last.name == "x" else self.value(y) * y
-        if len(self.program) == 2 and last.name == "**" and last.value is not None and last.value > 0:
-            return _power(y, float(last.value) + 1) / (float(last.value) + 1)
+            return 0.5 * y**2 if self.is_linear else self.value(y) * y
+        if step is not None and step.name == "**" and step.value is not None and step.value > 0:
+            return _power(y, float(step.value) + 1) / (float(step.value) + 1)
         closed = _ANTIDERIVATIVES.get(self.text.replace(" ", ""))
         return closed(y) if closed is not None else _quadrature(self.value, y)
 

@@ -31,7 +31,7 @@ class Parts:
     progress: Callable[[str], None]
     count: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
+    started: float = field(default_factory=lambda: time.perf_counter())
 
     @classmethod
     def below(cls, folder: Path, study: ModuleType, progress: Callable[[str], None]) -> "Parts":

@@ -61,7 +61,7 @@ class _Log:
     progress: Progress
     attempts: list[Attempt] = field(default_factory=list)
     best: Certificate | None = None  # what an interruption leaves
-    began: float = field(default_factory=time.perf_counter)
+    began: float = field(default_factory=lambda: time.perf_counter())
 
     def left(self) -> float:
         """Seconds until the time limit."""
