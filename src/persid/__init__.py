@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from persid.measurements.trajectories import Trajectory as Trajectory
     from persid.models.equations import equations as equations
     from persid.models.exports.pysindy import from_pysindy as from_pysindy
+    from persid.models.files import load_model as load_model
     from persid.models.model import PersidskiiModel as PersidskiiModel
-    from persid.models.model import load_model as load_model
     from persid.models.outputs import OutputModel as OutputModel
     from persid.networks.certificate import NetworkCertificate as NetworkCertificate
     from persid.verdicts.batches import Failed as Failed
@@ -63,7 +63,8 @@ _HOMES = {
         "UnderdeterminedError",
     ),
     "persid.identification.identifier": ("PersidskiiIdentifier",),
-    "persid.models.model": ("PersidskiiModel", "load_model"),
+    "persid.models.files": ("load_model",),
+    "persid.models.model": ("PersidskiiModel",),
     "persid.models.outputs": ("OutputModel",),
     "persid.networks.certificate": ("NetworkCertificate",),
     "persid.certificates.obstruction": ("Obstruction",),

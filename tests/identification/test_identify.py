@@ -14,7 +14,8 @@ from persid.identification.free_runs import free_run_score
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.measurements.readers import read_csv
 from persid.measurements.trajectories import Trajectories
-from persid.models.model import PersidskiiModel, load_model
+from persid.models.files import load_model
+from persid.models.model import PersidskiiModel
 from places import TRAFFIC
 
 FUNCTIONS = ["x", "x**3", "tanh(x)"]

@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from persid.errors import ModelError
-from persid.models.model import PersidskiiModel, load_model
+from persid.models.files import load_model
+from persid.models.model import PersidskiiModel
 
 A0 = np.array([[-0.1, 0.05], [0.05, -0.15]])
 SMALL = PersidskiiModel(

@@ -77,7 +77,7 @@ def kept(folder: Path) -> "Iterator[Callable[[PersidskiiModel], None]]":
 
 
 def read_model(path: Path) -> "PersidskiiModel":
-    from persid.models.model import load_model
+    from persid.models.files import load_model
 
     try:
         return load_model(path)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,10 +18,7 @@ from numpy import ndarray
 from scipy.integrate import LSODA, RK45
 
 from persid.measurements.trajectories import Trajectory
-from persid.models.drift import drift
-
-if TYPE_CHECKING:
-    from persid.models.model import PersidskiiModel
+from persid.models.vector_field import VectorField
 
 STATE_CAP = 1e6  # a state beyond this many times the size of its start has diverged
 HUGE = 1e140  # right sides are cut off here: LSODA squares them, and overflows would end in NaN
@@ -45,19 +42,19 @@ class End:
 
 
 def integrate(
-    model: "PersidskiiModel", x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
+    field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
 ) -> Trajectory:
     """Return the run from x0 sampled at t; see `PersidskiiModel.simulate`."""
-    size = 1 + float(np.abs(x0).max() + np.abs(model.x_ref).max())
-    solver = _Solver(model, size, rtol, atol, BUDGET + BUDGET_PER_SAMPLE * len(t))
+    size = 1 + float(np.abs(x0).max() + np.abs(field.x_ref).max())
+    solver = _Solver(field, size, rtol, atol, BUDGET + BUDGET_PER_SAMPLE * len(t))
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # a solver's complaint becomes `diverged_at`
         if u is None or callable(u):
-            at = u if callable(u) else (lambda _: model.u_ref)
-            held = np.array([np.reshape(np.asarray(at(s), float), model.m) for s in t]).reshape(len(t), model.m)
-            forcing = (lambda s: solver.forcing(np.reshape(np.asarray(at(s), float), model.m))) if callable(u) else None
-            constant = solver.forcing(model.u_ref)
-            states, end = solver.span(x0, t, forcing or (lambda _: constant))
+            at = u if callable(u) else (lambda _: field.u_ref)
+            held = np.array([np.reshape(np.asarray(at(s), float), field.m) for s in t]).reshape(len(t), field.m)
+            force = field.forcing(field.u_ref)
+            moving = (lambda s: field.forcing(np.reshape(np.asarray(at(s), float), field.m))) if callable(u) else None
+            states, end = solver.span(x0, t, moving or partial(_constant, force))
         else:
             held = u
             states, end = _held(solver, x0, t, u)
@@ -69,7 +66,7 @@ def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarr
     jumps = np.flatnonzero((np.diff(u[:-1], axis=0) != 0).any(axis=1)) + 1
     states, end = [x0[None]], End()
     for a, b in pairwise([0, *jumps.tolist(), len(t) - 1]):
-        force = solver.forcing(u[a])
+        force = solver.field.forcing(u[a])
         if b - a > 1:
             found, end = solver.span(states[-1][-1], t[a : b + 1], partial(_constant, force))
         else:
@@ -88,17 +85,13 @@ class _Solver:
     """The model's right side with its fixed parts prepared, what is left of the budget, and the step size carried over
     restarts."""
 
-    def __init__(self, model: "PersidskiiModel", size: float, rtol: float, atol: float, budget: int) -> None:
-        self.model, self.rtol, self.atol = model, rtol, atol
+    def __init__(self, field: VectorField, size: float, rtol: float, atol: float, budget: int) -> None:
+        self.field, self.rtol, self.atol = field, rtol, atol
         self.cap, self.budget = STATE_CAP * size, budget
         self.explicit: RK45 | None = None
         self.force: ndarray | None = None
         self.stiff = False
-        self.dot = drift(model)
-
-    def forcing(self, u: ndarray) -> ndarray:
-        """Return B (u - u_ref) + b."""
-        return self.model.B @ (u - self.model.u_ref) + self.model.b
+        self.dot = field.drift()
 
     def drift(self, x: ndarray) -> ndarray:
         """Return x' without the forcing, and charge the budget for it."""

@@ -17,9 +17,19 @@ from persid._files import write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.models import sparse as columns
+from persid.models.arguments import (
+    check_kinds,
+    dimension,
+    distinct_names,
+    finite_array,
+    matrices_of,
+    matrix_of,
+    term_of,
+    unknown_fields,
+)
 from persid.models.channels import Channels, Term
-from persid.models.functions import ScalarFunction, scalar_function
-from persid.models.sparse import Sparse
+from persid.models.sparse import Compressed, Sparse
+from persid.models.vector_field import VectorField
 
 FORMAT = "persid-model-1"
 
@@ -66,15 +76,15 @@ class PersidskiiModel:
         domain: Any = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        n = _dimension(A0, terms, B)
-        sparse = any(columns.is_sparse(part) for term in terms for part in _matrices(term))
+        n = dimension(A0, terms, B)
+        sparse = any(columns.is_sparse(part) for term in terms for part in matrices_of(term))
         A0 = (csc_array((n, n)) if sparse else np.zeros((n, n))) if A0 is None else A0
-        A0 = _matrix("A0", A0, (n, n))
-        B = _matrix("B", np.zeros((n, 0)) if B is None else B, (n, None))
+        A0 = matrix_of("A0", A0, (n, n))
+        B = matrix_of("B", np.zeros((n, 0)) if B is None else B, (n, None))
         m = B.shape[1]
         values = {
             "A0": A0,
-            "terms": tuple(_term(i, term, n) for i, term in enumerate(terms)),
+            "terms": tuple(term_of(i, term, n) for i, term in enumerate(terms)),
             "B": B,
             "b": finite_array("b", np.zeros(n) if b is None else b, (n,)),
             "x_ref": finite_array("x_ref", np.zeros(n) if x_ref is None else x_ref, (n,)),
@@ -146,6 +156,13 @@ class PersidskiiModel:
         empty = np.zeros((0, self.n))
         return Channels(A0, np.vstack([empty, *rows]), np.hstack([empty.T, *columns]), tuple(functions))
 
+    @cached_property
+    def field(self) -> VectorField:
+        """The right side alone, as one value."""
+        if self.is_sparse:
+            return self.dense().field
+        return VectorField(self.channels, self.B, self.b, self.x_ref, self.u_ref, self.states, self.inputs)
+
     def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N n"]:
         """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref."""
         dx = np.asarray(x, float) - self.x_ref
@@ -191,7 +208,7 @@ class PersidskiiModel:
         if not (u is None or callable(u)):
             u = np.asarray(u, float)
             u = finite_array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
-        return Trajectories(tuple(integrate(self, x, t, u, rtol, atol) for x in starts), self.states, self.inputs)
+        return Trajectories(tuple(integrate(self.field, x, t, u, rtol, atol) for x in starts), self.states, self.inputs)
 
     def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
         """Return rhs(t, x, u=None), x' for one state (n,) and input (m,), u = None meaning u_ref, for SciPy's solvers.
@@ -203,7 +220,7 @@ class PersidskiiModel:
         """
         from persid.models.exports.libraries import to_callable
 
-        return to_callable(self, jit)
+        return to_callable(self.field, jit)
 
     def to_control(self, name: str | None = None) -> Any:
         """Return a continuous-time control.NonlinearIOSystem with the model's names; its outputs are the states.
@@ -213,7 +230,7 @@ class PersidskiiModel:
         """
         from persid.models.exports.libraries import to_control
 
-        return to_control(self, name)
+        return to_control(self.field, name)
 
     def to_sympy(self, exact: bool = False) -> Any:
         """Return x' as a sympy.Matrix (n, 1) in symbols named like the states and inputs.
@@ -225,13 +242,13 @@ class PersidskiiModel:
         """
         from persid.models.exports.libraries import to_sympy
 
-        return to_sympy(self, exact)
+        return to_sympy(self.field, exact)
 
     def to_latex(self, digits: int = 4) -> str:
         """Return the equations as one `aligned` environment, numbers rounded to so many significant digits."""
         from persid.models.exports.libraries import to_latex
 
-        return to_latex(self, digits)
+        return to_latex(self.field, digits)
 
     def to_casadi(self, name: str = "rhs") -> Any:
         """Return a casadi.Function (x, u) -> x_dot of scalar expressions (SX), to differentiate and optimise with.
@@ -241,7 +258,7 @@ class PersidskiiModel:
         """
         from persid.models.exports.libraries import to_casadi
 
-        return to_casadi(self, name)
+        return to_casadi(self.field, name)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as the object of `model.json`."""
@@ -259,6 +276,22 @@ class PersidskiiModel:
             "provenance": self.provenance,
         }
 
+    def compressed(self) -> Compressed:
+        """Return the model's object without its numbers, and the arrays of these."""
+        matrices = {"A0": self.A0, "B": self.B}
+        for t, term in enumerate(self.terms):
+            matrices |= {f"terms.{t}.A": term.A} | ({} if term.R is None else {f"terms.{t}.R": term.R})
+        vectors = {name: getattr(self, name) for name in ("x_ref", "b") if getattr(self, name).any()}
+        default = self.states == tuple(f"x{i + 1}" for i in range(self.n))
+        content = {
+            "format": FORMAT,
+            "states": self.n if default else list(self.states),
+            "inputs": list(self.inputs),
+            "u_ref": self.u_ref.tolist(),
+            "terms": [_texts(term) for term in self.terms],
+        }
+        return Compressed.of(content, matrices, vectors | ({} if self.domain is None else {"domain": self.domain}))
+
     @classmethod
     def from_dict(cls, data: Any, folder: Path | None = None) -> "PersidskiiModel":
         """Return the model of an object such as `model.json` holds; unknown fields are refused.
@@ -270,7 +303,7 @@ class PersidskiiModel:
         unknown_fields(data, _FIELDS, {"states", "B", "terms"})
         if persid_check.sparse.is_sparse(data):
             return cls(**columns.load(data, folder))
-        _check_kinds(data)
+        check_kinds(data)
         values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
         n, m = len(data["states"]), len(data.get("inputs") or [])
         values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
@@ -283,86 +316,18 @@ class PersidskiiModel:
         The arrays of a large sparse model go to a companion of the same stem, .npz.
         """
         large = self.is_sparse and self.n > columns.FILLED_STATES
-        content = columns.save(self, Path(path)) if large else self.to_dict()
+        content = self.compressed().save(Path(path), self.provenance) if large else self.to_dict()
         write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     @cached_property
     def sha256(self) -> str:
         """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
         if self.is_sparse and self.n > columns.FILLED_STATES:
-            return persid_check.model.sha256_of(columns.exact(self).form())
+            return persid_check.model.sha256_of(self.compressed().exact.form())
         return persid_check.model_sha256(self.to_dict())
 
 
 _FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")
-
-
-def load_model(path: str | Path) -> Any:
-    """Read a model from `model.json`: a PersidskiiModel, or an OutputModel where the file holds one.
-
-    Raises:
-        ModelError: the file is not JSON, or not a model.
-    """
-    from persid.models import outputs
-
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-        of_outputs = isinstance(data, Mapping) and data.get("format") == outputs.FORMAT
-        return (outputs.OutputModel if of_outputs else PersidskiiModel).from_dict(data, Path(path).parent)
-    except (ModelError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ModelError(f"{path}: {error}") from None
-
-
-def unknown_fields(data: Mapping[str, Any], known: Sequence[str], needed: set[str]) -> None:
-    """Refuse an object with a field that is not known, or without one that is needed."""
-    unknown, missing = set(data) - set(known), needed - set(data)
-    if unknown:
-        raise ModelError(f"unknown field {sorted(unknown)[0]!r}; known: {', '.join(known)}")
-    if missing:
-        raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
-
-
-def _check_kinds(data: Mapping[str, Any]) -> None:
-    """Refuse names that are no list of texts, terms that are no objects, and functions that are no texts."""
-    for name in ("states", "inputs"):
-        given = data.get(name)
-        if not (_are_texts(given) or (given is None and name == "inputs")):
-            raise ModelError(f"{name} is {str(data.get(name))[:60]}; needed is a list of names")
-    if not isinstance(data["terms"], list | tuple):
-        raise ModelError("terms is no list of objects with f, R and A")
-    for i, term in enumerate(data["terms"]):
-        if not isinstance(term, Mapping) or {"f", "A"} - set(term):
-            raise ModelError(f"terms[{i}] is no object with f, R and A")
-        if not (isinstance(term["f"], str) or _are_texts(term["f"])):
-            raise ModelError(f"terms[{i}].f is no expression, and no list of them")
-    if not isinstance(data.get("provenance"), Mapping | None):
-        raise ModelError("provenance is no object")
-
-
-def _are_texts(value: Any) -> bool:
-    return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
-
-
-def _refuse_constant(text: str) -> float:
-    raise ModelError(f"{text} is not a number a model may hold")
-
-
-def _dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
-    for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
-        if candidate is not None and len(shape := _shape(candidate)) == 2:
-            return shape[0]
-    raise ModelError("the number of states is unknown: give A0, B or a term")
-
-
-def _shape(candidate: Any) -> tuple[int, ...]:
-    try:
-        return tuple(int(k) for k in np.shape(candidate))
-    except ValueError:  # rows of different lengths: `finite_array` names the matrix
-        return ()
-
-
-def _matrices(term: Any) -> tuple[Any, Any]:
-    return (term.A, term.R) if isinstance(term, Term) else (_part(term, "A", 2), _part(term, "R", 1))
 
 
 def _filled(matrix: Any) -> Any:
@@ -373,55 +338,14 @@ def _listed(matrix: Any) -> Any:
     return columns.triplets(matrix) if columns.is_sparse(matrix) else matrix.tolist()
 
 
-def _matrix(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
-    return columns.compressed(name, value, shape) if columns.is_sparse(value) else finite_array(name, value, shape)
-
-
-def _part(term: Any, key: str, place: int) -> Any:
-    return term.get(key) if isinstance(term, Mapping) else term[place]
-
-
-def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
-    """Return finite numbers of a shape (None: any size), read only, or say what is needed."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise ModelError(f"{name} is not an array of numbers") from None
-    wanted = tuple("m" if k is None else k for k in shape)
-    if array.ndim != len(shape) or any(k is not None and k != size for k, size in zip(shape, array.shape, strict=True)):
-        raise ModelError(f"{name} has shape {array.shape}; needed is {wanted}")
-    if not np.isfinite(array).all():
-        raise ModelError(f"{name} holds a number that is not finite")
-    array.setflags(write=False)
-    return array
-
-
-def distinct_names(what: str, given: Sequence[str], count: int) -> tuple[str, ...]:
-    """Return so many different names, or say what is needed."""
-    if len(given) != count or len(set(given)) != count or not all(isinstance(name, str) for name in given):
-        raise ModelError(f"{what} needs {count} different names, not {list(given)}")
-    return tuple(given)
-
-
-def _term(index: int, term: Any, n: int) -> Term:
-    if isinstance(term, Term):
-        term = (list(term.f), term.R, term.A)
-    if isinstance(term, Mapping) and set(term) - {"f", "R", "A"}:
-        raise ModelError(f"terms[{index}] has an unknown field; known: f, R, A")
-    f, R, A = (_part(term, key, place) for place, key in enumerate("fRA"))
-    R = None if R is None else _matrix(f"terms[{index}].R", R, (None, n))
-    k = n if R is None else R.shape[0]
-    names = [f] * k if isinstance(f, str | ScalarFunction) else list(f)
-    known = {name: name if isinstance(name, ScalarFunction) else scalar_function(name) for name in dict.fromkeys(names)}
-    if len(names) != k:
-        raise ModelError(f"terms[{index}].f has {len(names)} functions; needed is one, or one per row of R ({k})")
-    return Term(tuple(known[name] for name in names), R, _matrix(f"terms[{index}].A", A, (n, k)))
+def _texts(term: Term) -> str | list[str]:
+    texts = [f.text for f in term.f]
+    return texts[0] if len(set(texts)) == 1 else texts
 
 
 def _term_dict(term: Term) -> dict[str, Any]:
-    texts = [f.text for f in term.f]
     return {
-        "f": texts[0] if len(set(texts)) == 1 else texts,
+        "f": _texts(term),
         "R": None if term.R is None else _listed(term.R),
         "A": _listed(term.A),
     }

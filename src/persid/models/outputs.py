@@ -7,6 +7,7 @@ y  = h(C (x - x_ref) + D (u - u_ref) + d)                        h one function 
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from numpy import ndarray
 from persid._files import write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories, Trajectory
-from persid.models.functions import ScalarFunction, layer, scalar_function
-from persid.models.model import Input, PersidskiiModel, distinct_names, finite_array, unknown_fields
+from persid.models.arguments import distinct_names, finite_array, unknown_fields
+from persid.models.functions import ScalarFunction, scalar_function
+from persid.models.model import Input, PersidskiiModel
+from persid.models.output_equation import OutputEquation
 
 FORMAT = "persid-output-model-1"
 _FIELDS = (
@@ -131,12 +134,14 @@ class OutputModel:
     def __hash__(self) -> int:
         return hash((self.dynamics.sha256, self.C.tobytes(), self.outputs))
 
+    @cached_property
+    def equation(self) -> OutputEquation:
+        """The equation of the outputs alone, as one value."""
+        return OutputEquation(self.dynamics.field, self.C, self.D, self.d, self.output_map, self.outputs)
+
     def output(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N l"]:
         """Return y for one state (n,) or many (N, n); u = None means u_ref."""
-        y = (np.asarray(x, float) - self.dynamics.x_ref) @ self.C.T + self.d
-        if u is not None:
-            y = y + (np.asarray(u, float) - self.dynamics.u_ref) @ self.D.T
-        return y if self.output_map is None else layer(self.output_map).apply("value", y)
+        return self.equation.values(x, u)
 
     def simulate(self, t: Float[ndarray, " N"], u: Input = None, *, x0: Any = None, y_init: Any = None) -> Trajectories:
         """Return the outputs at the times t (s), from a state or from the first measured outputs.
@@ -169,12 +174,12 @@ class OutputModel:
         Raises:
             ModelError: y or u has the wrong shape, or y tells too little of a state about which nothing is known.
         """
-        from persid.models.initial_states import estimate
+        from persid.models.initial_states import Known, estimate
 
         if callable(u):
             raise ModelError("y_init goes with sampled inputs, u (N, m)")
         t = np.asarray(t, float)
-        return estimate(self, t, self._samples(t, u), y)
+        return estimate(Known(self.equation, self.hold, self.noise, self.x_mean, self.x_cov), t, self._samples(t, u), y)
 
     def _states(self, x0: ndarray, t: ndarray, u: Input) -> Trajectory:
         """Return the run of the states; where fixed steps do not serve, that of an adaptive solver, with its end."""
@@ -182,7 +187,7 @@ class OutputModel:
 
         samples = None if callable(u) else self._samples(t, u)
         if x0.shape == (self.dynamics.n,) and t.ndim == 1 and len(t) > 1 and (np.diff(t) > 0).all() and not callable(u):
-            found = run(self.dynamics, x0, t, samples, self.hold)
+            found = run(self.dynamics.field, x0, t, samples, self.hold)
             if found is not None:
                 held = np.tile(self.dynamics.u_ref, (len(t), 1)) if samples is None else samples
                 return Trajectory(t, found, held)
@@ -211,7 +216,7 @@ class OutputModel:
         """
         from persid.models.exports.libraries import to_control
 
-        return to_control(self.dynamics, name, self)
+        return to_control(self.dynamics.field, name, self.equation)
 
     def to_sympy(self, exact: bool = False) -> tuple[Any, Any]:
         """Return x' (n, 1) and y (l, 1) as SymPy matrices in symbols named like states and inputs.
@@ -223,7 +228,7 @@ class OutputModel:
         """
         from persid.models.exports.libraries import outputs_to_sympy
 
-        return self.dynamics.to_sympy(exact), outputs_to_sympy(self, exact)
+        return self.dynamics.to_sympy(exact), outputs_to_sympy(self.equation, exact)
 
     def to_casadi(self, name: str = "model") -> Any:
         """Return a casadi.Function (x, u) -> (x_dot, y) of scalar expressions (SX).
@@ -233,13 +238,13 @@ class OutputModel:
         """
         from persid.models.exports.libraries import outputs_to_casadi
 
-        return outputs_to_casadi(self, name)
+        return outputs_to_casadi(self.equation, name)
 
     def to_latex(self, digits: int = 4) -> str:
         """Return the equations as one `aligned` environment, numbers rounded to so many significant digits."""
         from persid.models.exports.libraries import to_latex
 
-        return to_latex(self, digits)
+        return to_latex(self.dynamics.field, digits, self.equation)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as the object of its file."""

@@ -3,6 +3,7 @@
 import hashlib
 import io
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +19,6 @@ from persid_check.sparse import FILLED_STATES as FILLED_STATES
 from persid_check.sparse import Columns, SparseModel, gathered, read_sparse
 
 if TYPE_CHECKING:
-    from persid.models.model import PersidskiiModel
-
     Sparse = ndarray  # to the type checker: what works on matrices is given a model with its matrices filled in
 else:
     Sparse = csc_array
@@ -53,34 +52,6 @@ def triplets(matrix: csc_array) -> dict[str, Any]:
     return {"shape": list(matrix.shape), "coo": [found.row.tolist(), found.col.tolist(), found.data.tolist()]}
 
 
-def arrays_of(model: "PersidskiiModel") -> tuple[dict[str, Any], Arrays]:
-    """Return a model's object with only the shapes of its matrices, and their arrays by their names in a companion."""
-    matrices = {"A0": model.A0, "B": model.B}
-    matrices |= {f"terms.{t}.A": term.A for t, term in enumerate(model.terms)}
-    matrices |= {f"terms.{t}.R": term.R for t, term in enumerate(model.terms) if term.R is not None}
-    arrays: Arrays = {}
-    for name, matrix in matrices.items():
-        arrays |= _parts(name, csc_array(matrix))
-    arrays |= {name: getattr(model, name) for name in ("x_ref", "b") if getattr(model, name).any()}
-    if model.domain is not None:
-        arrays["domain"] = model.domain.ravel()
-    default = model.states == tuple(f"x{i + 1}" for i in range(model.n))
-    return {
-        "format": "persid-model-1",
-        "states": model.n if default else list(model.states),
-        "inputs": list(model.inputs),
-        "u_ref": model.u_ref.tolist(),
-        **{name: _shape(name, matrices, arrays) for name in ("A0", "B")},
-        "terms": [_term(t, term, matrices, arrays) for t, term in enumerate(model.terms)],
-        **{name: {"shape": list(getattr(model, name).shape)} for name in ("x_ref", "b", "domain") if name in arrays},
-    }, arrays
-
-
-def exact(model: "PersidskiiModel") -> SparseModel:
-    """Return the checker's reading of a model."""
-    return read_sparse(*arrays_of(model))
-
-
 def archive(arrays: Mapping[str, ndarray]) -> bytes:
     """Return the bytes of a companion: an uncompressed zip of one-dimensional arrays."""
     buffer = io.BytesIO()
@@ -88,22 +59,52 @@ def archive(arrays: Mapping[str, ndarray]) -> bytes:
     return buffer.getvalue()
 
 
-def save(model: "PersidskiiModel", path: Path) -> dict[str, Any]:
-    """Write the companion of a model file beside it, and return the object of the file."""
-    content, arrays = arrays_of(model)
-    data, name = archive(arrays), f"{path.stem}.npz"
-    write_atomically(path.with_name(name), data)
-    stored = {"npz": name, "sha256": hashlib.sha256(data).hexdigest()}
+@dataclass(frozen=True, eq=False)
+class Compressed:
+    """A model's object with only the shapes of its matrices, and their arrays by their names in a companion."""
 
-    def located(entry: Any, place: str) -> Any:
-        return {**entry, **stored, "name": place} if isinstance(entry, dict) else entry
+    content: dict[str, Any]
+    arrays: Arrays
 
-    for field in ("A0", "B", "x_ref", "b", "domain"):
-        content[field] = located(content.get(field), field)
-    for t, term in enumerate(content["terms"]):
-        for part in "AR":
-            term[part] = located(term[part], f"terms.{t}.{part}")
-    return {**content, "provenance": model.provenance}
+    @classmethod
+    def of(cls, content: dict[str, Any], matrices: Mapping[str, Any], vectors: Mapping[str, ndarray]) -> "Compressed":
+        """Compress matrices, by their names; the terms of the content are the texts of their functions."""
+        arrays: Arrays = {}
+        for name, matrix in matrices.items():
+            arrays |= _parts(name, csc_array(matrix))
+        arrays |= {name: vector.ravel() for name, vector in vectors.items()}
+
+        def shape(name: str) -> dict[str, Any] | None:
+            return {"shape": list(matrices[name].shape)} if f"{name}.values" in arrays else None
+
+        terms = [
+            {"f": f, "R": shape(f"terms.{t}.R"), "A": shape(f"terms.{t}.A")} for t, f in enumerate(content["terms"])
+        ]
+        shapes = {name: {"shape": list(vector.shape)} for name, vector in vectors.items()}
+        return cls(content | {name: shape(name) for name in ("A0", "B")} | {"terms": terms} | shapes, arrays)
+
+    @property
+    def exact(self) -> SparseModel:
+        """The checker's reading of the model."""
+        return read_sparse(self.content, self.arrays)
+
+    def save(self, path: Path, provenance: Mapping[str, Any]) -> dict[str, Any]:
+        """Write the companion of a model file beside it, and return the object of the file."""
+        data, name = archive(self.arrays), f"{path.stem}.npz"
+        write_atomically(path.with_name(name), data)
+        stored = {"npz": name, "sha256": hashlib.sha256(data).hexdigest()}
+
+        def located(entry: Any, place: str) -> Any:
+            return {**entry, **stored, "name": place} if isinstance(entry, dict) else entry
+
+        content = dict(self.content)
+        for field in ("A0", "B", "x_ref", "b", "domain"):
+            content[field] = located(content.get(field), field)
+        content["terms"] = [
+            term | {part: located(term[part], f"terms.{t}.{part}") for part in "AR"}
+            for t, term in enumerate(content["terms"])
+        ]
+        return {**content, "provenance": provenance}
 
 
 def load(data: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -158,14 +159,3 @@ def _parts(name: str, matrix: csc_array) -> Arrays:
     if not matrix.nnz:
         return {}
     return {f"{name}.starts": matrix.indptr, f"{name}.rows": matrix.indices, f"{name}.values": matrix.data}
-
-
-def _shape(name: str, matrices: Mapping[str, Any], arrays: Arrays) -> dict[str, Any] | None:
-    return {"shape": list(matrices[name].shape)} if f"{name}.values" in arrays else None
-
-
-def _term(t: int, term: Any, matrices: Mapping[str, Any], arrays: Arrays) -> dict[str, Any]:
-    texts = [f.text for f in term.f]
-    R = None if term.R is None else _shape(f"terms.{t}.R", matrices, arrays)
-    f = texts[0] if len(set(texts)) == 1 else texts
-    return {"f": f, "R": R, "A": _shape(f"terms.{t}.A", matrices, arrays)}

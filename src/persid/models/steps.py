@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.models.drift import drift
-from persid.models.model import PersidskiiModel
+from persid.models.vector_field import VectorField
 
 STEP = 0.2  # of the fastest time constant at x_ref, to begin with
 HALVINGS = 8
@@ -27,16 +26,16 @@ JOINT = 1e-10  # by which the ends of pieces may still move, in the same units
 Forcing = tuple[ndarray, ndarray]  # B (u - u_ref) + b at the start and at the end of every interval, (L, …, n)
 
 
-def forcing(model: PersidskiiModel, u: Float[ndarray, "N m"] | None, hold: str, count: int) -> Forcing:
+def forcing(field: VectorField, u: Float[ndarray, "N m"] | None, hold: str, count: int) -> Forcing:
     """Return B (u - u_ref) + b at both ends of each of `count` - 1 intervals: held, or in straight lines ("foh")."""
-    force = np.zeros((count, model.n)) + model.b
-    force = force if u is None else force + (u[:count] - model.u_ref) @ model.B.T
+    force = np.zeros((count, field.n)) + field.b
+    force = force if u is None else force + (u[:count] - field.u_ref) @ field.B.T
     return force[:-1], force[:-1] if hold == "zoh" else force[1:]
 
 
-def substeps(model: PersidskiiModel, dt: float) -> int:
+def substeps(field: VectorField, dt: float) -> int:
     """Return how many steps an interval of dt (s) takes to begin with."""
-    fastest = float(np.abs(np.linalg.eigvals(model.jacobian(model.x_ref))).max())
+    fastest = float(np.abs(np.linalg.eigvals(field.jacobian(field.x_ref))).max())
     return int(np.ceil(1e-9 + fastest * dt / STEP))
 
 
@@ -63,21 +62,21 @@ def swept(
 
 
 def run(
-    model: PersidskiiModel,
+    field: VectorField,
     x0: Float[ndarray, " n"],
     t: Float[ndarray, " N"],
     u: Float[ndarray, "N m"] | None,
     hold: str,
 ) -> Float[ndarray, "N n"] | None:
     """Return the states at the times t, or None where the run leaves all bounds or no step is short enough for it."""
-    dt, steps = np.diff(t), substeps(model, float(np.diff(t).max()))
-    force, dot = forcing(model, u, hold, len(t)), drift(model)
+    dt, steps = np.diff(t), substeps(field, float(np.diff(t).max()))
+    force, dot = forcing(field, u, hold, len(t)), field.drift()
     record = _Record(dot, x0, dt, force)
     before = None
     with np.errstate(all="ignore"):
         for _ in range(HALVINGS):
             after = record.swept(steps)
-            scale = float(np.abs(after - model.x_ref).max())
+            scale = float(np.abs(after - field.x_ref).max())
             if before is not None and (not np.isfinite(scale) or np.abs(after - before).max() <= TOLERANCE * scale):
                 return after if np.isfinite(scale) else None
             before, steps = after, 2 * steps

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from persid._html import table
-from persid.models.equations import term_names
+from persid.models.formulas import term_names
 
 MOST_STATES, MOST_TERMS = 8, 40  # of a table of coefficients; a larger model is summed up
 LONG = 3  # names that are listed at either end of many
@@ -22,7 +22,7 @@ def of_model(model: Any) -> str:
     model = model.dense()
     channels = model.channels
     columns = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]]).T
-    pairs = zip(term_names(model), columns.tolist(), strict=True)
+    pairs = zip(term_names(model.field), columns.tolist(), strict=True)
     rows = [(name, *(f"{value:.5g}" for value in row)) for name, row in pairs if any(row)]
     return table(caption, ("term", *(f"d({name})/dt" for name in model.states)), rows)
 

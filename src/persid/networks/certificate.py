@@ -185,7 +185,7 @@ def table(model: PersidskiiModel) -> Table | None:
     """Return a model's coefficients by node; None where an argument row is no positive multiple of a unit vector."""
     try:
         if is_large(model):
-            return table_of_sparse(columns.exact(model))
+            return table_of_sparse(model.compressed().exact)
         return table_of(nodes_of(persid_check.model.read_model(model.to_dict())))
     except NotProvedError:
         return None
@@ -295,8 +295,8 @@ def _file(
         return encode(
             {**content, "model": canonical_model(model.to_dict()), **parts, **listed, "companion": None}
         ), None
-    form = columns.exact(model).form()
-    arrays = columns.archive(columns.arrays_of(model)[1] | dict(vectors.values()))
+    form = model.compressed().exact.form()
+    arrays = columns.archive(model.compressed().arrays | dict(vectors.values()))
     digest = hashlib.sha256(arrays).hexdigest()
     stored = {"npz": f"network-{digest[:16]}.npz", "sha256": digest}
     nulls = dict.fromkeys(vectors)

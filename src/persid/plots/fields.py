@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy import ndarray
 
 from persid.measurements.trajectories import Trajectory
-from persid.models.equations import term_names
+from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
 from persid.plots.style import FIELD, FORM, MEASURED, MODEL, short, thin_path, tidy
 
@@ -100,7 +100,7 @@ def correlation_matrix(
     """Return the names of the first 20 terms that vary over samples, and the matrix of their correlations."""
     columns = _columns(model, x, u)
     moving = [k for k, c in enumerate(columns.T) if np.ptp(c) > 1e-12 * np.abs(c).max(initial=0.0)][:MOST_COLUMNS]
-    names = term_names(model)
+    names = term_names(model.field)
     return [names[k] for k in moving], np.atleast_2d(np.corrcoef(columns[:, moving], rowvar=False))
 
 
@@ -111,7 +111,7 @@ def terms(
     model = model.dense()
     channels = model.channels
     weights = np.concatenate([channels.A0[state], channels.columns[state], model.B[state], model.b[[state]]])
-    return term_names(model), np.abs(weights) * np.sqrt((_columns(model, x, u) ** 2).mean(axis=0))
+    return term_names(model.field), np.abs(weights) * np.sqrt((_columns(model, x, u) ** 2).mean(axis=0))
 
 
 def _columns(model: PersidskiiModel, x: ndarray, u: ndarray) -> ndarray:

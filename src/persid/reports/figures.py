@@ -18,7 +18,7 @@ from persid import plots
 from persid.identification.diagnostics import FitReport
 from persid.identification.free_runs import one_step, score
 from persid.measurements.trajectories import Trajectories, Trajectory
-from persid.models.equations import term_names
+from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
 
 RUNS, STATES, SAMPLES = 3, 8, 5000  # at most so many are drawn, and said so
@@ -239,7 +239,7 @@ def correlations(model: PersidskiiModel, x: ndarray, u: ndarray) -> list[Drawing
     alike = np.abs(R[np.tril_indices(len(names), -1)])
     close = int((alike > plots.COLLINEAR).sum())
     found = f"{close or 'No'} pair{'' if close == 1 else 's'}"
-    some = f" (the first {len(names)} terms)" if len(names) < len(term_names(model)) - 1 else ""
+    some = f" (the first {len(names)} terms)" if len(names) < len(term_names(model.field)) - 1 else ""
     caption = (
         f"How alike two terms are on the data{some}: the area of a disk is the size of their correlation, positive "
         f"(blue) or negative (red). {found} above 0.99 (ringed): of such a pair the data determine the sum only."

@@ -16,7 +16,8 @@ from persid._files import write_atomically
 from persid._text import above, below
 from persid.measurements.trajectories import Trajectories, Trajectory
 from persid.models import mathml
-from persid.models.equations import equations, term_names
+from persid.models.equations import equations
+from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
 from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
@@ -212,7 +213,7 @@ def _coefficients(model: PersidskiiModel) -> list[tuple[str, list[float]]] | Non
     """Return the table of coefficients, one row a term; None where it would be too large to read."""
     channels = model.channels
     table = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]])
-    names = term_names(model)
+    names = term_names(model.field)
     if table.size > CELLS or model.n > COLUMNS:
         return None
     return [(name, row) for name, row in zip(names, table.T.tolist(), strict=True)]

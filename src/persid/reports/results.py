@@ -24,7 +24,8 @@ from persid.identification.free_runs import Score
 from persid.identification.validation import Curve
 from persid.measurements.readers import read_measurements
 from persid.measurements.trajectories import Trajectories
-from persid.models.model import PersidskiiModel, load_model
+from persid.models.files import load_model
+from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate
 from persid.verdicts.checking import load_certificate
 from persid.verdicts.evidence import Evidence

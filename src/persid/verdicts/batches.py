@@ -11,7 +11,8 @@ from typing import Any
 
 from persid.errors import DataError
 from persid.measurements.engines import Cluster, Progress, make_engine, silent
-from persid.models.model import PersidskiiModel, load_model
+from persid.models.files import load_model
+from persid.models.model import PersidskiiModel
 from persid.verdicts.certify import certify
 from persid.verdicts.verdict import Reason, Undecided, Verdict
 

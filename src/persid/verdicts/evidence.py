@@ -10,7 +10,6 @@ from numpy import ndarray
 from scipy.integrate import LSODA
 
 from persid.lyapunov.operating_points import usual_box
-from persid.models.drift import drift
 from persid.models.model import PersidskiiModel
 
 RUNS = 8  # initial states, drawn from a box
@@ -50,7 +49,7 @@ def simulated(model: PersidskiiModel, u: Float[ndarray, " m"], seed: int = 0) ->
     with np.errstate(all="ignore"):
         rates = np.abs(np.linalg.eigvals(np.nan_to_num(model.jacobian(model.x_ref))))
     span = SPAN / (float(rates.max()) or 1.0)
-    dot, force = drift(model), model.B @ (u - model.u_ref) + model.b
+    dot, force = model.field.drift(), model.field.forcing(u)
 
     def rate(_: float, x: ndarray) -> ndarray:
         return np.clip(np.nan_to_num(dot(x) + force, nan=HUGE), -HUGE, HUGE)

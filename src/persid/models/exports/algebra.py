@@ -7,14 +7,12 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from persid._libraries import library
+from persid.models.output_equation import OutputEquation
+from persid.models.vector_field import VectorField
 from persid_check.expression import Program
-
-if TYPE_CHECKING:
-    from persid.models.model import PersidskiiModel
-    from persid.models.outputs import OutputModel
 
 Function = Callable[..., Any]
 
@@ -48,29 +46,28 @@ class Algebra:
         return stack.pop()
 
 
-def right_side(model: "PersidskiiModel", x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
+def right_side(field: VectorField, x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
     """Return A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)) + B (u - u_ref) + b as a column of another library.
 
     Paper: eq:main_system_Per. `matrix` makes a library's matrix of an array (or list of rows); x and u are columns.
     """
-    channels = model.channels
-    dx = x - matrix(model.x_ref[:, None])
-    dot = matrix(channels.A0) @ dx + matrix(model.b[:, None])
+    channels = field.channels
+    dx = x - matrix(field.x_ref[:, None])
+    dot = matrix(channels.A0) @ dx + matrix(field.b[:, None])
     if channels.functions:
         arguments = matrix(channels.rows) @ dx
         dot += matrix(channels.columns) @ matrix(
             [[algebra.value(f.program, arguments[c])] for c, f in enumerate(channels.functions)]
         )
-    return dot + matrix(model.B) @ (u - matrix(model.u_ref[:, None])) if model.m else dot
+    return dot + matrix(field.B) @ (u - matrix(field.u_ref[:, None])) if field.m else dot
 
 
-def output_side(
-    seen: "OutputModel", model: "PersidskiiModel", x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]
-) -> Any:
+def output_side(seen: OutputEquation, x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
     """Return h(C (x - x_ref) + D (u - u_ref) + d) as a column of another library; see `right_side`."""
-    y = matrix(seen.C) @ (x - matrix(model.x_ref[:, None])) + matrix(seen.d[:, None])
-    if model.m:
-        y += matrix(seen.D) @ (u - matrix(model.u_ref[:, None]))
+    field = seen.field
+    y = matrix(seen.C) @ (x - matrix(field.x_ref[:, None])) + matrix(seen.d[:, None])
+    if field.m:
+        y += matrix(seen.D) @ (u - matrix(field.u_ref[:, None]))
     maps = seen.output_map
     return y if maps is None else matrix([[algebra.value(h.program, y[i])] for i, h in enumerate(maps)])
 

@@ -7,16 +7,14 @@ import math
 from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, no_type_check
+from typing import Any, no_type_check
 
 import numpy as np
 from scipy import sparse
 
 from persid._libraries import library
 from persid.models.exports.algebra import Algebra
-
-if TYPE_CHECKING:
-    from persid.models.model import PersidskiiModel
+from persid.models.vector_field import VectorField
 
 Scalar = Callable[[float], float]
 Compile = Callable[..., Any]  # numba.njit
@@ -54,15 +52,15 @@ _ARITHMETIC: dict[str, Callable[[float, float], float]] = {
 }
 
 
-def compiled(model: "PersidskiiModel") -> Callable[..., Any]:
+def compiled(field: VectorField) -> Callable[..., Any]:
     """Return rhs(t, x, u=None), compiled at its first call; see `PersidskiiModel.to_callable`."""
     njit = library("numba", "interop").njit(error_model="numpy")  # 1/0 is inf, as in NumPy
-    apply = _on_channels(model, njit)
-    channels = model.channels
+    apply = _on_channels(field, njit)
+    channels = field.channels
     rows = sparse.csr_array(channels.rows)
     ends, places, weights = rows.indptr.astype(np.int64), rows.indices.astype(np.int64), rows.data
-    A0, columns, B = (np.ascontiguousarray(M) for M in (channels.A0, channels.columns, model.B))
-    x_ref, u_ref, b, count = model.x_ref, model.u_ref, model.b, len(channels.functions)
+    A0, columns, B = (np.ascontiguousarray(M) for M in (channels.A0, channels.columns, field.B))
+    x_ref, u_ref, b, count = field.x_ref, field.u_ref, field.b, len(channels.functions)
 
     @njit
     @no_type_check  # Numba infers the types
@@ -81,10 +79,10 @@ def compiled(model: "PersidskiiModel") -> Callable[..., Any]:
     return rhs
 
 
-def _on_channels(model: "PersidskiiModel", njit: Compile) -> Callable[[Any], None]:
+def _on_channels(field: VectorField, njit: Compile) -> Callable[[Any], None]:
     """Return the compiled function that replaces the arguments y of the channels by f(y), one loop a run of equal f."""
     algebra = _algebra(njit)
-    functions = model.channels.functions
+    functions = field.channels.functions
     borders = [c for c in range(len(functions)) if c == 0 or functions[c] != functions[c - 1]]
     scalars = {f: algebra.value(f.program, njit(lambda y: y)) for f in set(functions)}
     apply = njit(lambda y: None)

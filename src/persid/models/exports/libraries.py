@@ -4,52 +4,66 @@ Everything is built from the parsed expressions of the model. A library that is 
 names the extra: `pip install "persid[interop]"`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
 from persid._libraries import library
-from persid.models.drift import drift
-from persid.models.equations import equations
 from persid.models.exports.algebra import casadi_algebra, output_side, right_side, sympy_algebra
 from persid.models.exports.compiled import compiled
+from persid.models.formulas import lines
+from persid.models.output_equation import OutputEquation
+from persid.models.vector_field import VectorField
 
-if TYPE_CHECKING:
-    from persid.models.model import PersidskiiModel
-    from persid.models.outputs import OutputModel
 
-
-def to_control(model: "PersidskiiModel", name: str | None = None, seen: "OutputModel | None" = None) -> Any:
+def to_control(field: VectorField, name: str | None = None, seen: OutputEquation | None = None) -> Any:
     """Return a continuous-time `control.NonlinearIOSystem`; its outputs are the states, or those of an output model."""
     control = library("control", "interop")
-    rate = prepared(model)
+    rate = prepared(field)
     return control.nlsys(
         lambda t, x, u, params: rate(t, x, u),
-        None if seen is None else lambda t, x, u, params: seen.output(x, u),
-        states=list(model.states),
-        inputs=list(model.inputs) or 0,
-        outputs=list(model.states if seen is None else seen.outputs),
+        None if seen is None else lambda t, x, u, params: seen.values(x, u),
+        states=list(field.states),
+        inputs=list(field.inputs) or 0,
+        outputs=list(field.states if seen is None else seen.outputs),
         name=name,
         dt=0,
     )
 
 
-def to_sympy(model: "PersidskiiModel", exact: bool = False) -> Any:
+def to_sympy(field: VectorField, exact: bool = False) -> Any:
     """Return x' as a SymPy Matrix (n, 1); see `PersidskiiModel.to_sympy`."""
-    return _in_sympy(model, exact, right_side)
+    return _in_sympy(partial(right_side, field), _symbols(field.states), _symbols(field.inputs), exact)
 
 
-def outputs_to_sympy(model: "OutputModel", exact: bool = False) -> Any:
+def outputs_to_sympy(seen: OutputEquation, exact: bool = False) -> Any:
     """Return y as a SymPy Matrix (l, 1); see `OutputModel.to_sympy`."""
-    return _in_sympy(model.dynamics, exact, partial(output_side, model))
+    return _in_sympy(partial(output_side, seen), _symbols(seen.field.states), _symbols(seen.field.inputs), exact)
 
 
-def _in_sympy(model: "PersidskiiModel", exact: bool, side: Callable[..., Any]) -> Any:
-    """Return a side of the equations in symbols named like states and inputs."""
+def to_equations(field: VectorField, seen: OutputEquation | None = None) -> list[Any]:
+    """Return one sympy.Eq a state, and one an output, in functions of t for the states; see `persid.equations`."""
+    sympy = library("sympy", "interop")
+    t = sympy.Symbol("t")
+    x, u = [sympy.Function(name)(t) for name in field.states], _symbols(field.inputs)
+    found = list(zip((symbol.diff(t) for symbol in x), _in_sympy(partial(right_side, field), x, u, False), strict=True))
+    if seen is not None:
+        left = (sympy.Function(name)(t) for name in seen.outputs)
+        found += zip(left, _in_sympy(partial(output_side, seen), x, u, False), strict=True)
+    return [sympy.Eq(*pair) for pair in found]
+
+
+def _symbols(names: Sequence[str]) -> list[Any]:
+    sympy = library("sympy", "interop")
+    return [sympy.Symbol(name) for name in names]
+
+
+def _in_sympy(side: Callable[..., Any], x: Sequence[Any], u: Sequence[Any], exact: bool) -> Any:
+    """Return a side of the equations in symbols for states and inputs."""
     sympy = library("sympy", "interop")
     algebra = sympy_algebra(exact)
 
@@ -60,25 +74,24 @@ def _in_sympy(model: "PersidskiiModel", exact: bool, side: Callable[..., Any]) -
         rows = [[entry(value) for value in row] for row in array]
         return sympy.Matrix(len(rows), len(rows[0]) if rows else 0, [value for row in rows for value in row])
 
-    x, u = (sympy.Matrix(len(names), 1, [sympy.Symbol(s) for s in names]) for names in (model.states, model.inputs))
-    return side(model, x, u, algebra, matrix)
+    return side(sympy.Matrix(len(x), 1, list(x)), sympy.Matrix(len(u), 1, list(u)), algebra, matrix)
 
 
-def to_latex(model: "PersidskiiModel | OutputModel", digits: int = 4) -> str:
+def to_latex(field: VectorField, digits: int = 4, seen: OutputEquation | None = None) -> str:
     """Return the equations as one aligned block of LaTeX; see `PersidskiiModel.to_latex`."""
-    lines = equations(model, "latex", digits).splitlines()
-    body = " \\\\\n".join(line.replace(" = ", " &= ", 1) for line in lines)
+    found = lines(field, seen, "latex", digits)
+    body = " \\\\\n".join(line.replace(" = ", " &= ", 1) for line in found)
     return f"\\begin{{aligned}}\n{body}\n\\end{{aligned}}"
 
 
-def to_callable(model: "PersidskiiModel", jit: bool = False) -> Callable[..., ndarray]:
+def to_callable(field: VectorField, jit: bool = False) -> Callable[..., ndarray]:
     """Return rhs(t, x, u=None); see `PersidskiiModel.to_callable`."""
-    return compiled(model) if jit else prepared(model)
+    return compiled(field) if jit else prepared(field)
 
 
-def prepared(model: "PersidskiiModel") -> Callable[..., ndarray]:
+def prepared(field: VectorField) -> Callable[..., ndarray]:
     """Return rhs(t, x, u=None) in NumPy with everything fixed computed beforehand."""
-    dot, B, u_ref, b = drift(model), model.B, model.u_ref, model.b
+    dot, B, u_ref, b = field.drift(), field.B, field.u_ref, field.b
 
     def rhs(t: float | int, x: Any, u: Any = None) -> ndarray:
         rate = dot(np.asarray(x, float)) + b
@@ -87,23 +100,24 @@ def prepared(model: "PersidskiiModel") -> Callable[..., ndarray]:
     return rhs
 
 
-def to_casadi(model: "PersidskiiModel", name: str = "rhs") -> Any:
+def to_casadi(field: VectorField, name: str = "rhs") -> Any:
     """Return the `casadi.Function` (x, u) -> x_dot; see `PersidskiiModel.to_casadi`."""
-    return _in_casadi(model, name, {"x_dot": right_side})
+    return _in_casadi(field, name, {"x_dot": partial(right_side, field)})
 
 
-def outputs_to_casadi(model: "OutputModel", name: str = "model") -> Any:
+def outputs_to_casadi(seen: OutputEquation, name: str = "model") -> Any:
     """Return the `casadi.Function` (x, u) -> (x_dot, y); see `OutputModel.to_casadi`."""
-    return _in_casadi(model.dynamics, name, {"x_dot": right_side, "y": partial(output_side, model)})
+    sides = {"x_dot": partial(right_side, seen.field), "y": partial(output_side, seen)}
+    return _in_casadi(seen.field, name, sides)
 
 
-def _in_casadi(model: "PersidskiiModel", name: str, sides: Mapping[str, Callable[..., Any]]) -> Any:
+def _in_casadi(field: VectorField, name: str, sides: Mapping[str, Callable[..., Any]]) -> Any:
     """Return the function of sides of the equations."""
     casadi = library("casadi", "interop")
-    x, u = casadi.SX.sym("x", model.n), casadi.SX.sym("u", model.m)
+    x, u = casadi.SX.sym("x", field.n), casadi.SX.sym("u", field.m)
 
     def matrix(rows: Any) -> Any:
         return casadi.DM(rows) if isinstance(rows, ndarray) else casadi.vertcat(*(row[0] for row in rows))
 
-    found = [side(model, x, u, casadi_algebra(), matrix) for side in sides.values()]
+    found = [side(x, u, casadi_algebra(), matrix) for side in sides.values()]
     return casadi.Function(name, [x, u], found, ["x", "u"], list(sides))

@@ -1,0 +1,109 @@
+"""The parts of a model as a caller or a file gives them: read into arrays, names and terms, or refused."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+
+from persid.errors import ModelError
+from persid.models.channels import Term
+from persid.models.functions import ScalarFunction, scalar_function
+from persid.models.sparse import compressed, is_sparse
+
+
+def dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
+    """Return the number of states, from the first matrix that tells it."""
+    for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
+        if candidate is not None and len(shape := _shape(candidate)) == 2:
+            return shape[0]
+    raise ModelError("the number of states is unknown: give A0, B or a term")
+
+
+def _shape(candidate: Any) -> tuple[int, ...]:
+    try:
+        return tuple(int(k) for k in np.shape(candidate))
+    except ValueError:  # rows of different lengths: `finite_array` names the matrix
+        return ()
+
+
+def matrices_of(term: Any) -> tuple[Any, Any]:
+    """Return A and R of a term in any form."""
+    return (term.A, term.R) if isinstance(term, Term) else (_part(term, "A", 2), _part(term, "R", 1))
+
+
+def _part(term: Any, key: str, place: int) -> Any:
+    return term.get(key) if isinstance(term, Mapping) else term[place]
+
+
+def term_of(index: int, term: Any, n: int) -> Term:
+    """Return a term given as one, as (f, R, A) or as an object with these fields."""
+    if isinstance(term, Term):
+        term = (list(term.f), term.R, term.A)
+    if isinstance(term, Mapping) and set(term) - {"f", "R", "A"}:
+        raise ModelError(f"terms[{index}] has an unknown field; known: f, R, A")
+    f, R, A = (_part(term, key, place) for place, key in enumerate("fRA"))
+    R = None if R is None else matrix_of(f"terms[{index}].R", R, (None, n))
+    k = n if R is None else R.shape[0]
+    names = [f] * k if isinstance(f, str | ScalarFunction) else list(f)
+    known = {name: name if isinstance(name, ScalarFunction) else scalar_function(name) for name in dict.fromkeys(names)}
+    if len(names) != k:
+        raise ModelError(f"terms[{index}].f has {len(names)} functions; needed is one, or one per row of R ({k})")
+    return Term(tuple(known[name] for name in names), R, matrix_of(f"terms[{index}].A", A, (n, k)))
+
+
+def matrix_of(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
+    """Return a matrix of a shape (None: any size), sparse as it was given, or say what is needed."""
+    return compressed(name, value, shape) if is_sparse(value) else finite_array(name, value, shape)
+
+
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
+    """Return finite numbers of a shape (None: any size), read only, or say what is needed."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise ModelError(f"{name} is not an array of numbers") from None
+    wanted = tuple("m" if k is None else k for k in shape)
+    if array.ndim != len(shape) or any(k is not None and k != size for k, size in zip(shape, array.shape, strict=True)):
+        raise ModelError(f"{name} has shape {array.shape}; needed is {wanted}")
+    if not np.isfinite(array).all():
+        raise ModelError(f"{name} holds a number that is not finite")
+    array.setflags(write=False)
+    return array
+
+
+def distinct_names(what: str, given: Sequence[str], count: int) -> tuple[str, ...]:
+    """Return so many different names, or say what is needed."""
+    if len(given) != count or len(set(given)) != count or not all(isinstance(name, str) for name in given):
+        raise ModelError(f"{what} needs {count} different names, not {list(given)}")
+    return tuple(given)
+
+
+def unknown_fields(data: Mapping[str, Any], known: Sequence[str], needed: set[str]) -> None:
+    """Refuse an object with a field that is not known, or without one that is needed."""
+    unknown, missing = set(data) - set(known), needed - set(data)
+    if unknown:
+        raise ModelError(f"unknown field {sorted(unknown)[0]!r}; known: {', '.join(known)}")
+    if missing:
+        raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
+
+
+def check_kinds(data: Mapping[str, Any]) -> None:
+    """Refuse names that are no list of texts, terms that are no objects, and functions that are no texts."""
+    for name in ("states", "inputs"):
+        given = data.get(name)
+        if not (_are_texts(given) or (given is None and name == "inputs")):
+            raise ModelError(f"{name} is {str(data.get(name))[:60]}; needed is a list of names")
+    if not isinstance(data["terms"], list | tuple):
+        raise ModelError("terms is no list of objects with f, R and A")
+    for i, term in enumerate(data["terms"]):
+        if not isinstance(term, Mapping) or {"f", "A"} - set(term):
+            raise ModelError(f"terms[{i}] is no object with f, R and A")
+        if not (isinstance(term["f"], str) or _are_texts(term["f"])):
+            raise ModelError(f"terms[{i}].f is no expression, and no list of them")
+    if not isinstance(data.get("provenance"), Mapping | None):
+        raise ModelError("provenance is no object")
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
