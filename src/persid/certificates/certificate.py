@@ -108,7 +108,7 @@ class Certificate:
         """
         if self.claim not in ("E", "R"):
             return None
-        found = bounds.gains(self.content, self.model.m + self._counts_b)
+        found = bounds.gains(self.content, self.model.m + self.counts_b)
         return np.array([bounds.above(ball) for ball in found[: self.model.m]])
 
     @property
@@ -151,12 +151,12 @@ class Certificate:
                 f"sup|u - u*| = {u_sup.tolist()} exceeds what the certificate admits: {self.input_bound:g} for |u - u*|"
             )
         if u_sup.ndim:
-            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self._counts_b], t)
-        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self._counts_b else float(u_sup)
+            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self.counts_b], t)
+        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self.counts_b else float(u_sup)
         return bounds.bound(self.content, x0, joint, t)
 
     @property
-    def _counts_b(self) -> bool:
+    def counts_b(self) -> bool:
         """Whether the constant b counts as one more input, held at 1."""
         return self.content["operating_point"] is None and bool(self.model.b.any())
 

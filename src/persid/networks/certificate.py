@@ -124,6 +124,7 @@ class NetworkCertificate:
 
     input_bound = None
     level = None
+    counts_b = False  # about x_ref there is no constant b
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
         """Return the Lyapunov function at states x (N, n): sum w_k |x_k - x*_k|."""

@@ -32,7 +32,7 @@ from persid.reports.results import (
     WITNESS,
     Results,
 )
-from persid.verdicts.summary import headline, limits, summarize
+from persid.verdicts.summary import limits, summarize
 from persid.verdicts.verdict import Certified, Refuted
 
 CELLS, COLUMNS = 4000, 20  # a larger table of coefficients is left to model.json
@@ -111,7 +111,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         model_sha256=results.model.sha256,
         verdict=verdict,
         brief=summarize(verdict),
-        headline=headline(verdict, model),
+        headline=verdict.headline,
         caution=_caution(results),
         limits=limits(verdict, model),
         certificate=verdict.certificate if isinstance(verdict, Certified) else None,

@@ -25,11 +25,9 @@ from persid.lyapunov.shifted_model import Setting, undefined
 from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network, is_large
 from persid.verdicts.evidence import simulated
-from persid.verdicts.verdict import Attempt, Certified, Reason, Refuted, Undecided, Verdict
+from persid.verdicts.verdict import RATED, RATED_STATES, Attempt, Certified, Reason, Refuted, Undecided, Verdict
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
-RATED_STATES = 100  # rates and gains are sought up to this many states
-RATED = "rate and gain"  # the attempt that seeks them
 RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
 
 Progress = Callable[[str], None]

@@ -5,8 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from persid.models.model import PersidskiiModel
-from persid.verdicts.certify import RATED, RATED_STATES
-from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided
+from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
 LISTED_STATES = 1000  # the operating point of a larger model is not listed
 NO_PLANT = (
@@ -37,7 +36,7 @@ class Summary:
         return asdict(self)
 
 
-def summarize(verdict: Any) -> Summary:
+def summarize(verdict: Verdict) -> Summary:
     """Return the brief of a verdict of `persid.verdicts.certify`."""
     name = type(verdict).__name__.lower()
     seconds = round(math.fsum(attempt.seconds for attempt in verdict.attempts), 3)
@@ -51,43 +50,12 @@ def summarize(verdict: Any) -> Summary:
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
 
 
-def attempt_rows(verdict: Any) -> list[tuple[str, str, str]]:
+def attempt_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
     """Return every attempt of a verdict as a row: what was tried, how it ended, and its seconds."""
     return [(one.what, one.outcome, f"{one.seconds:.2f} s") for one in verdict.attempts]
 
 
-def unsettled(verdict: Any) -> str:
-    """Return a verdict without a certificate as a sentence; the evidence beside it is no part of it."""
-    if isinstance(verdict, Undecided):
-        return f"Undecided: {verdict.reason.value} {verdict.detail}".rstrip()
-    return str(verdict)
-
-
-def headline(verdict: Any, model: PersidskiiModel) -> str:
-    """Return the verdict as one sentence for a person who has never met the theory."""
-    if not isinstance(verdict, Certified):
-        return unsettled(verdict)
-    if verdict.certificate.scope == "regional":
-        return (
-            "Certified: the model is input-to-state stable in a region around its operating point; from every start "
-            "inside it and for small enough inputs the state stays inside, in the long run within a distance of the "
-            "operating point that the inputs alone decide."
-        )
-    if not model.m and not _counts_b(verdict.certificate, model):
-        return "Certified: the model is globally stable; from every initial state it goes to its operating point."
-    return (
-        "Certified: the model is input-to-state stable, globally; from every initial state and for every bounded input "
-        "its state stays bounded, in the long run within a distance of the operating point that the inputs alone "
-        "decide."
-    )
-
-
-def _counts_b(certificate: Any, model: PersidskiiModel) -> bool:
-    """Whether the constant b is one of the inputs of the claim."""
-    return certificate.content["operating_point"] is None and bool(model.b.any())
-
-
-def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
+def limits(verdict: Verdict, model: PersidskiiModel) -> tuple[str, ...]:
     """Return what a verdict does not claim, one sentence each."""
     if isinstance(verdict, Refuted):
         return (
@@ -102,7 +70,7 @@ def limits(verdict: Any, model: PersidskiiModel) -> tuple[str, ...]:
             NO_PLANT,
         )
     found = [NO_PLANT]
-    if _counts_b(verdict.certificate, model):
+    if verdict.certificate.counts_b:
         found.append(
             "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "
             "stays within a distance of x_ref that depends on b and on u - u_ref."

@@ -1,14 +1,30 @@
-"""verdicts.verdict."""
+"""Verdicts: certified, refuted, or undecided with its reason, and how each was reached."""
 
 from dataclasses import dataclass
 from enum import Enum
 from typing import NoReturn
 
+from persid._html import table
+from persid._text import above, below
 from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction
 from persid.verdicts.evidence import Evidence
+
+RATED = "rate and gain"  # the attempt that seeks them
+RATED_STATES = 100  # they are sought up to this many states
+_REGIONAL = (
+    "Certified: the model is input-to-state stable in a region around its operating point; from every start "
+    "inside it and for small enough inputs the state stays inside, in the long run within a distance of the "
+    "operating point that the inputs alone decide."
+)
+_GLOBAL = (
+    "Certified: the model is input-to-state stable, globally; from every initial state and for every bounded input "
+    "its state stays bounded, in the long run within a distance of the operating point that the inputs alone "
+    "decide."
+)
+_WITHOUT_INPUTS = "Certified: the model is globally stable; from every initial state it goes to its operating point."
 
 
 class Reason(Enum):
@@ -41,10 +57,17 @@ class _Verdict:
     def __bool__(self) -> NoReturn:
         raise TypeError("a verdict is not true or false; ask verdict.is_certified, or match its class")
 
-    def _repr_html_(self) -> str:
-        from persid.verdicts.tables import of_verdict
+    @property
+    def headline(self) -> str:
+        """The verdict as one sentence for a person who has never met the theory; evidence is no part of it."""
+        return str(self)
 
-        return of_verdict(self)
+    def _figures(self) -> list[tuple[str, str]]:
+        return []
+
+    def _repr_html_(self) -> str:
+        tried = [(one.what, f"{one.outcome.replace('_', ' ')}, {one.seconds:.3g} s") for one in self.attempts]
+        return table(type(self).__name__, (), [("verdict", self.headline), *self._figures(), *tried])
 
     @property
     def is_certified(self) -> bool:
@@ -66,6 +89,20 @@ class Certified(_Verdict):
 
     def __str__(self) -> str:
         return f"Certified: {self.certificate.statement}"
+
+    @property
+    def headline(self) -> str:
+        """The verdict as one sentence for a person who has never met the theory."""
+        proof = self.certificate
+        if proof.scope == "regional":
+            return _REGIONAL
+        return _GLOBAL if proof.model.m or proof.counts_b else _WITHOUT_INPUTS
+
+    def _figures(self) -> list[tuple[str, str]]:
+        proof = self.certificate
+        rate = [] if proof.rate is None else [("rate, 1/s", below(proof.rate))]
+        gain = [] if proof.gain is None else [("gain", above(proof.gain))]
+        return [("claim", proof.claim), *rate, *gain]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +133,14 @@ class Undecided(_Verdict):
     def __str__(self) -> str:
         parts = (self.reason.value, self.detail, str(self.evidence or ""))
         return "Undecided: " + " ".join(part for part in parts if part)
+
+    @property
+    def headline(self) -> str:
+        """The verdict as one sentence; the evidence beside it is no part of it."""
+        return f"Undecided: {self.reason.value} {self.detail}".rstrip()
+
+    def _figures(self) -> list[tuple[str, str]]:
+        return [("evidence", str(self.evidence))] if self.evidence else []
 
 
 Verdict = Certified | Refuted | Undecided
