@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
-from flint import fmpq, fmpq_mat
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from persid_check import sentences
 from persid_check.equilibrium import has_unique_equilibrium
@@ -26,7 +26,8 @@ from persid_check.prover import (
 from persid_check.results import NotProvedError
 from persid_check.side import Curve, Domain, Form, Shift
 
-MAX_REGIONAL = 200  # states: an exact inverse is computed
+MAX_REGIONAL = 200  # states: an inverse is enclosed
+INVERSE_BITS = (192, 768, 3072)  # precisions of that enclosure, tried in this order
 
 
 @dataclass(frozen=True)
@@ -245,20 +246,45 @@ def _axes(setting: Setting, n: int, dropped: set[int]) -> Iterator[Form]:
 
 
 def _region(claim: Stability, matrices: Inequality) -> None:
-    """V > c on every face of the box: c (Pt^-1)_ii < h_i^2; and gamma ubar^2 <= kappa c."""
+    """V > c from h_i - 2r on: c (Pt^-1)_ii < (h_i - 2r)^2; and gamma ubar^2 <= kappa c.
+
+    The box in x less 2r at each side, seen from any x* in the ball, lies in X and holds all |d_i| < h_i - 2r.
+    """
     if claim.level <= 0 or claim.input_bound < 0:
         raise NotProvedError("level, input_bound", "the level is positive and the bound of the input not negative")
     if not _admits(claim):
-        raise NotProvedError("input_bound", "gamma times its square exceeds kappa times the level")
+        raise NotProvedError("input_bound", "gamma times its square is not proved to be at most kappa times the level")
     Pt = lower_bound(claim, matrices)
     if Pt.height > MAX_REGIONAL:
         raise NotProvedError("box", f"claim R is read for at most {MAX_REGIONAL} states")
-    inverse = fmpq_mat(Pt.entries).inv()
-    for i, (lo, hi) in enumerate(relative_box(claim)):
-        entry = inverse[i, i]
-        reach = Fraction(int(entry.numer()), int(entry.denom())) * 2**Pt.exponent * claim.level
-        if not reach < min(-lo, hi) ** 2:
-            raise NotProvedError("level", f"the set V <= level is not proved to keep off the faces of coordinate {i}")
+    radius = Fraction(0) if claim.point is None else claim.point.radius
+    depths = [min(-lo, hi) - 2 * radius for lo, hi in relative_box(claim)]
+    shallow = next((i for i, depth in enumerate(depths) if depth <= 0), None)
+    if shallow is not None:
+        raise NotProvedError("box", f"it is too narrow about the ball of the equilibrium in coordinate {shallow}")
+    outside = _reached(Pt, [claim.level / depth**2 for depth in depths])
+    if outside is not None:
+        raise NotProvedError("level", f"the set V <= level is not proved to keep off the faces of coordinate {outside}")
+
+
+def _reached(Pt: Matrix, weights: list[Fraction]) -> int | None:
+    """Return the first i for which weight_i (Pt^-1)_ii < 1 is not proved, by an enclosure of the inverse; else None."""
+    first: int | None = 0
+    for bits in INVERSE_BITS:
+        with ctx.workprec(bits):
+            try:
+                inverse = arb_mat(Pt.entries).inv()
+            except ZeroDivisionError:
+                continue
+            reach = [inverse[i, i] * arb(2) ** Pt.exponent * _ball(weight) for i, weight in enumerate(weights)]
+            first = next((i for i, part in enumerate(reach) if not part < 1), None)
+        if first is None or reach[first] >= 1:
+            break
+    return first
+
+
+def _ball(value: Fraction) -> arb:
+    return arb(fmpq(value.numerator, value.denominator))
 
 
 def _admits(claim: Stability) -> bool:

@@ -49,6 +49,11 @@ def parse(text: str) -> Program:
     return _Parser(text).run()
 
 
+def is_linear(program: Program) -> bool:
+    """Whether a program is that of f = x, however it is spelled: x, (x), +x."""
+    return program == (Instruction("x"),)
+
+
 def _tokens(text: str) -> list[tuple[int, str]]:
     found, place = [], 0
     while text[place:].strip():

@@ -10,12 +10,16 @@ from persid_check import sentences
 from persid_check.exact import Matrix, is_positive_definite, matrix
 from persid_check.format import Infeasibility
 from persid_check.inequality import flow_matrix
+from persid_check.prover import prove_continuous
 from persid_check.results import NotProvedError
 
 
 def prove_infeasibility(claim: Infeasibility) -> tuple[str, tuple[str, ...]]:
     """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
     model = claim.subject.model
+    for c, channel in enumerate(model.channels):
+        if not prove_continuous(((channel.program, Fraction(1)),)):
+            raise NotProvedError(f"channel {c}", "no proof that its function is continuous on R")
     L = matrix(claim.L, len(claim.L[0]))
     GL = flow_matrix(model) * L
     _lyapunov_matrix(claim, GL, L.kept(range(model.n), range(L.width)))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from persid_check import sparse
-from persid_check.expression import ExpressionError, Program, parse
+from persid_check.expression import ExpressionError, Program, is_linear, parse
 from persid_check.results import FormatError
 
 FORMAT = "persid-model-1"
@@ -129,7 +129,7 @@ def model_of(form: Mapping[str, Any]) -> Model:
         programs = {text: parse(text) for text in set(_texts(term))}
         for k, (text, row) in enumerate(zip(_texts(term), _rows(term, n), strict=True)):
             channel = Channel(text, programs[text], row, tuple(line[k] for line in A))
-            if len(channel.program) == 1 and channel.program[0].name == "x":
+            if is_linear(channel.program):
                 _merge(A0, channel)
             else:
                 channels.append(channel)

@@ -176,6 +176,7 @@ def prove_no_weights(claim: NetworkObstruction) -> tuple[str, tuple[str, ...]]:
         NotProvedError: a step of the proof fails.
     """
     nodes = claim.subject.nodes
+    _prove_continuous(claim.subject.model)
     for t, kind in enumerate(claim.kinds):
         for ray in kind.rays:
             if ray[0] < 0 or any(_dot(form, ray) < 0 for form in kind.forms):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from persid_check.sentences import SHOWN, counted, decimal
+from persid_check.sentences import SHOWN, counted, decimal, marked
 
 if TYPE_CHECKING:
     from persid_check.network import NetworkClaim, NetworkObstruction, NetworkSubject
@@ -67,7 +67,7 @@ def decrease_steps(claim: NetworkClaim, rays: Sequence[int], how: str) -> tuple[
 
 
 def _function(text: str, alpha: Fraction) -> str:
-    return f", {text}" if alpha == 1 else f", {text} at {decimal(alpha)} y"
+    return f", {text}" if alpha == 1 else f", {text} at {marked((alpha,))} y"
 
 
 def no_weights(claim: NetworkObstruction) -> str:

@@ -34,7 +34,7 @@ def _quotient(value: Fraction, up: bool, digits: int) -> Decimal:
 
 def _vector(values: Sequence[Fraction]) -> str:
     """A vector, cut short and said so."""
-    return f"({_numbers(values[:SHOWN])}{', ...' if len(values) > SHOWN else ''})"
+    return f"({marked(values[:SHOWN])}{', ...' if len(values) > SHOWN else ''})"
 
 
 def counted(number: int, what: str) -> str:
@@ -42,8 +42,8 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def _numbers(values: Sequence[Fraction]) -> str:
-    """Numbers to six digits, marked where they are rounded."""
+def marked(values: Sequence[Fraction]) -> str:
+    """Return numbers to six digits, marked by ~ where they are rounded: no direction of rounding would be safe."""
     shown = []
     for value in values:
         low, high = decimal(value, up=False), decimal(value)
@@ -80,7 +80,9 @@ def _place(claim: Stability) -> str:
 
 
 def _equilibrium(point: Point) -> str:
-    ball = f"within {decimal(point.radius)} of {_vector(point.x)}" if point.radius else f"= {_vector(point.x)} exactly"
+    ball = f"= {_vector(point.x)} exactly"
+    if point.radius:  # not rounded up: only in the ball itself is it proved to be the one
+        ball = f"within {marked((point.radius,))} of {_vector(point.x)} in every state"
     return f"the one equilibrium x* {ball} for the constant input u* = {_vector(point.u)}"
 
 
@@ -91,11 +93,11 @@ def _estimate(claim: Stability) -> list[str]:
     bound = f"|x(t) - x*| <= {' + '.join([start, *_gains(claim)])} for all t >= 0"
     if claim.subject.claim == "E":
         return [f"{bound}."]
-    sides = ", ".join(f"[{_numbers(side)}]" for side in claim.box[:SHOWN])
+    sides = ", ".join(f"[{marked(side)}]" for side in claim.box[:SHOWN])
     sides += f", ... ({len(claim.box)} sides)" if len(claim.box) > SHOWN else ""
-    shrunk = " less the ball's radius at each side" if claim.point is not None and claim.point.radius else ""
+    shrunk = " less twice the ball's radius at each side" if claim.point is not None and claim.point.radius else ""
     return [
-        f"The set of x in the box {sides}{shrunk} with V(x) <= {_numbers((claim.level,))} is invariant for"
+        f"The set of x in the box {sides}{shrunk} with V(x) <= {marked((claim.level,))} is invariant for"
         f" inputs with sup|u - u*| <= {decimal(claim.input_bound, up=False)}, and from every x(0) in it {bound}."
     ]
 
@@ -104,6 +106,8 @@ def _gains(claim: Stability) -> list[str]:
     """The parts of the estimate that inputs add: one for all of them, or one for each."""
     model, unit = claim.subject.model, claim.kappa * claim.p
     counts_b = claim.point is None and any(model.b)
+    if not model.m + counts_b:
+        return []
     if isinstance(claim.gamma, Fraction):
         return [f"{root(claim.gamma / unit)} {'sup|(u - u*, v)|' if counts_b else 'sup|u - u*|'}"]
     gains = [root(row[-1] / unit) for row in claim.gamma]
@@ -145,7 +149,7 @@ _LOWER_BOUND = {
     "G": "P > 0 was proved exactly, so V(x) >= t |x - x*|^2 for some t > 0.",
     "M": "P > 0 on the kept states was proved exactly; they and the rows of unbounded strict channels span R^n.",
     "E": "P - p I > 0 was proved exactly, so V(x) >= p |x - x*|^2.",
-    "R": "P + sum mu d r r' - p I > 0, and V > level on every face of the box, were proved exactly.",
+    "R": "P + sum mu d r r' - p I > 0, and V > level on every face of the box that is named, were proved.",
 }
 _THEOREM = {
     "G": "So V' <= -t |z|^2 + gamma |u - u*|^2 for some t > 0: V is an ISS-Lyapunov function (claim G).",
@@ -161,15 +165,20 @@ def _group_steps(claim: Stability, setting: Setting) -> list[str]:
         return []
     model = claim.subject.model
     functions = ", ".join(_channel(model.channels[c].text, alpha) for c, alpha in setting.group.members)
-    row = " + ".join(f"{_numbers((r,))} {model.states[i]!r}" for i, r in list(setting.group.row.items())[:SHOWN])
-    where = "R" if setting.domain is None else f"[{_numbers(setting.domain)}]"
-    shift = "" if setting.shift is None else f", shifted by y* = {_vector(setting.shift[:1])}"
+    row = " + ".join(f"{marked((r,))} {model.states[i]!r}" for i, r in list(setting.group.row.items())[:SHOWN])
+    row += " + ..." if len(setting.group.row) > SHOWN else ""
+    where = "R" if setting.domain is None else f"[{marked(setting.domain)}]"
+    shift = "" if setting.shift is None else f", shifted by y* {_ball(*setting.shift)}"
     forms = "; ".join(_form(setting, k) for k in used)
     return [f"Group {setting.index}, y = {row or '0'}, phi = (y, {functions}){shift}, proved on {where}: {forms}."]
 
 
+def _ball(center: Fraction, radius: Fraction) -> str:
+    return f"within {marked((radius,))} of {marked((center,))}" if radius else f"= {marked((center,))}"
+
+
 def _channel(text: str, alpha: Fraction) -> str:
-    return text if alpha == 1 else f"{text} at {decimal(alpha)} y"
+    return text if alpha == 1 else f"{text} at {marked((alpha,))} y"
 
 
 def _form(setting: Setting, k: int) -> str:
@@ -209,10 +218,10 @@ def refutation(claim: Refutation) -> str:
     reason = {
         "two-equilibria": f"at {u} it rests both near {places}",
         "unstable-equilibrium": f"at {u} it has an unstable equilibrium near {places}",
-        "unstable-linear-part": "its functions are bounded and its linear part grows exponentially",
+        "unstable-linear-part": "the functions that act are bounded and its linear part grows exponentially",
         "marginal-direction": f"some constant input drives w'x to infinity, w = {_vector(claim.vector)}",
         "cooperative-growth": f"at {u} it never returns from {_vector(claim.vector)} to its equilibrium near {places}",
-        "invariant-line": f"at {u} it never returns from x_ref + s v, {line}",
+        "invariant-line": f"at {u} a solution from x_ref + s v never returns to x_ref, {line}",
     }[claim.kind]
     about = (
         "any point for any input"
@@ -239,5 +248,6 @@ _WITNESS = {
     "marginal-direction": "w'A0 = 0, w'B is not 0, every (w'a) f is bounded below: some constant input makes w'x grow.",
     "cooperative-growth": "F > 0 at the start, which lies above x*, and no off-diagonal slope is negative:"
     " {x >= start} is invariant and does not hold x*.",
-    "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: s never returns.",
+    "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: on the line a"
+    " solution never returns.",
 }

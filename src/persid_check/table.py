@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from persid_check.expression import is_linear, parse
 from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes
 from persid_check.results import NotProvedError
 from persid_check.sparse import Columns, SparseModel, SparseTerm
@@ -116,7 +117,7 @@ def _channels(t: int, term: SparseTerm, n: int, pairs: dict[tuple[str, float], i
     import numpy as np
 
     where = f"model.terms[{t}]"
-    if "x" in term.texts:
+    if any(is_linear(parse(text)) for text in dict.fromkeys(term.texts)):
         raise NotProvedError(where, "a linear term of a sparse model must be merged into A0")
     if term.R is None:
         column = node = np.arange(n)

@@ -362,7 +362,7 @@ def _bytes(task: Task, frame: Frame, model: PersidskiiModel, point: Point, equil
         return None
     if task.box is None:
         return write(model, lyapunov, equilibrium)
-    reach = np.minimum(equilibrium.x - task.box[:, 0], task.box[:, 1] - equilibrium.x) - equilibrium.radius
+    reach = np.minimum(equilibrium.x - task.box[:, 0], task.box[:, 1] - equilibrium.x) - 3 * equilibrium.radius
     rate = lyapunov.kappa or frame.units.rate
     for _ in range(RATES):
         rated = replace(lyapunov, kappa=rate)

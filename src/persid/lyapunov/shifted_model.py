@@ -87,11 +87,14 @@ class Setting:
 
     @property
     def reach(self) -> Float[ndarray, " n"] | None:
-        """The distance of the operating point from the faces of the box, per state."""
+        """The distance of the operating point from the faces of the box that a certificate names, per state.
+
+        The checker takes the ball's radius r off its own box, and names the box in x less 2r at each side.
+        """
         if self.box is None:
             return None
         x, radius = (self.model.x_ref, 0.0) if self.point is None else (self.point.x, self.point.radius)
-        return np.minimum(x - self.box[:, 0], self.box[:, 1] - x) - radius
+        return np.minimum(x - self.box[:, 0], self.box[:, 1] - x) - 3 * radius
 
     def without_unproved(self, lyapunov: Lyapunov) -> list[str]:
         """Prove what a Lyapunov function uses; take what is not proved out of the pools, and name it."""

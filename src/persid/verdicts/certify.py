@@ -249,7 +249,7 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
     answer = _Failure(Reason.OUTSIDE, "No equilibrium at the nominal input was found and proved inside the box.")
     for point in points:
-        reach = np.minimum(point.x - box[:, 0], box[:, 1] - point.x) - point.radius
+        reach = np.minimum(point.x - box[:, 0], box[:, 1] - point.x) - 3 * point.radius
         if not (reach > 0).all():
             continue
         if missing := undefined(asked.model, point, box):
