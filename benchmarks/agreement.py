@@ -66,7 +66,8 @@ def _proved(setting: Setting, found: Outcome, full_P: bool) -> str:
         return "not proved" if find_obstruction(setting.model, found) is None else "proved"
     while found.status is Status.FEASIBLE:
         lyapunov = choose(found.assembly, found.solution.y)
-        if not setting.without_unproved(lyapunov):
+        setting, dropped = setting.without_unproved(lyapunov)
+        if not dropped:
             try:
                 Certificate.accept(write(setting.model, lyapunov))
             except RoundingError as error:

@@ -11,6 +11,7 @@ import json
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -74,16 +75,17 @@ def decide(model: PersidskiiModel, forms: Callable[[Curve], ndarray] | None, ful
     """Search a family (None: all forms), prove what the solution uses, write the file and have it checked."""
     setting = Setting.of(model, None)
     if forms is not None:
-        for curve in setting.pools:
-            setting.pools[curve] = forms(curve)
-            setting.upper[curve], setting.below[curve] = np.full((2, len(setting.pools[curve])), np.nan)
+        pools = {curve: forms(curve) for curve in setting.pools}
+        unknown = {curve: np.full(len(pool), np.nan) for curve, pool in pools.items()}
+        setting = replace(setting, pools=pools, upper=unknown, below=unknown)
     while True:
         assembly, solution = _search(setting, full_P) if forms is None else _solve(setting, full_P)
         if solution.status is not Status.FEASIBLE:
             return solution.status.name.lower(), f"margin between {solution.lower:.1e} and {solution.upper:.1e}"
         try:
             found = choose(assembly, solution.y)
-            if not setting.without_unproved(found):
+            setting, dropped = setting.without_unproved(found)
+            if not dropped:
                 return "certified", Certificate.accept(write(model, found)).claim
         except RoundingError as error:
             return "rejected" if "checker" in str(error) else "rounding", str(error)

@@ -6,7 +6,7 @@ import pytest
 import persid as ps
 from persid.lyapunov.rates import Question, best_rate, smallest_gain
 from persid.lyapunov.shifted_model import Setting
-from persid.verdicts.certify import RATE_SHARE
+from persid.verdicts.searches import RATE_SHARE
 
 
 def question(model: ps.PersidskiiModel, full: bool = False) -> Question:

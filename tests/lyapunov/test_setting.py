@@ -43,15 +43,16 @@ def test_false_forms_leave(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = Setting.of(ps.PersidskiiModel([[-1.0]], [("tanh(x)", None, [[-1.0]])], [[1.0]]), None)
     found = search(setting.system, setting.pools)
     lyapunov = choose(found.assembly, found.solution.y)
-    assert setting.without_unproved(lyapunov) == []
+    assert setting.without_unproved(lyapunov)[1] == ()
     curve = setting.found[0].curve
     before = len(setting.pools[curve])
     monkeypatch.setattr(Curve, "proves", lambda self, form: False)
-    named = setting.without_unproved(lyapunov)
+    left, named = setting.without_unproved(lyapunov)
     assert named
     assert all("x" in line for line in named)
-    assert len(setting.pools[curve]) == before - len(named) == len(setting.upper[curve])
-    assert setting.without_unproved(lyapunov) == []  # it has left already
+    assert len(left.pools[curve]) == before - len(named) == len(left.upper[curve])
+    assert len(setting.pools[curve]) == before
+    assert left.without_unproved(lyapunov) == (left, ())  # it has left already
 
 
 def test_undecided_for_want_of_a_proof(monkeypatch: pytest.MonkeyPatch) -> None:

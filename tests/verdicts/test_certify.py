@@ -269,12 +269,13 @@ def test_what_is_certified_is_accepted_and_decreases(tmp_path_factory: pytest.Te
 def test_no_model_is_both(without_rates: None, drawn: Any) -> None:
     """A model with a witness is never certified, and one that is certified has no witness."""
     from persid.certificates.witness import find_witness
-    from persid.verdicts.certify import _Asked, _global, _Log
+    from persid.verdicts.certify import _Asked, _global
+    from persid.verdicts.log import Log
 
     model = planar(drawn)
     points = ps.find_operating_point(model)
     witness = find_witness(model, model.u_ref, points)
-    log = _Log(time.perf_counter() + 6, lambda line: None)
+    log = Log(time.perf_counter() + 6, lambda line: None)
     found = _global(_Asked(model, None, model.u_ref, None, each=False), points, log)
     assert isinstance(found, ps.Refuted) == (witness is not None)
     if witness is not None:  # and if no witness had been looked for
@@ -287,10 +288,10 @@ def _without_witness(model: ps.PersidskiiModel, points: Any, log: Any) -> bool:
 
     from persid.certificates.certificate import Certificate
     from persid.lyapunov.shifted_model import Setting
-    from persid.verdicts.certify import _margin, _settled
+    from persid.verdicts.searches import margin, settled
 
     setting = Setting.of(model, points[0] if points else None)
-    tried = [_settled(setting, partial(_margin, setting, full, log), log) for full in (False, True)]
+    tried = [settled(setting, partial(margin, full_P=full, log=log), log)[0] for full in (False, True)]
     return any(isinstance(answer, Certificate) for answer in tried)
 
 

@@ -21,13 +21,8 @@ def write(
     lyapunov: Lyapunov,
     point: OperatingPoint | None = None,
     box: Float[ndarray, "n 2"] | None = None,
-    *,
-    reach: Float[ndarray, " n"] | None = None,
 ) -> bytes:
-    """Return the bytes of a certificate: claim R with a box, claim E with a rate, else G (all states kept) or M.
-
-    `reach` is the distance h of x* from the box, per state, for claim R.
-    """
+    """Return the bytes of a certificate: claim R with a box, claim E with a rate, else G (all states kept) or M."""
     system, states = lyapunov.system, list(lyapunov.system.states)
     rate, regional = lyapunov.kappa > 0, box is not None
     claim = "R" if regional else "E" if rate else "G" if len(states) == model.n else "M"
@@ -49,8 +44,9 @@ def write(
     }
     if rate:
         content |= {"kappa": dyadic(lyapunov.kappa), "p": dyadic(p)}
-    if box is not None and reach is not None:
-        level = _floor(float((reach**2 / np.diag(np.linalg.inv(below))).min()))
+    if box is not None:
+        here = OperatingPoint(model.x_ref, 0.0, model.u_ref) if point is None else point
+        level = _floor(float((here.reach(box) ** 2 / np.diag(np.linalg.inv(below))).min()))
         bound = _floor(np.sqrt(lyapunov.kappa * level / _largest(Gamma)))
         content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
     content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}

@@ -7,7 +7,6 @@ b = -A phi(x*), and the columns of the regression become phi - phi(x*)).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +19,6 @@ from persid.identification.gram import Gram
 from persid.lyapunov.inequality import assemble
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import NEGLIGIBLE, Chosen, Lyapunov
-from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.sectors import Curve, Group, Place, groups, nondecreasing_pool, pool
 from persid.lyapunov.system import (
     Family,
@@ -162,14 +160,8 @@ class Frame:
         """The groups of the template, shifted to the anchor."""
         if self.anchor is None:
             return groups(self.template.channels)
-        point, reference = (tuple(Fraction(float(v)) for v in x) for x in (self.anchor, self.gram.basis.x_ref))
-        offset = tuple(a - r for a, r in zip(point, reference, strict=True))
-        if self.box is None:
-            return groups(self.template.channels, Place(offset) if any(offset) else None)
-        box = tuple(
-            (Fraction(float(lo)) - a, Fraction(float(hi)) - a) for (lo, hi), a in zip(self.box, point, strict=True)
-        )
-        return groups(self.template.channels, Place(offset, Fraction(0), box))
+        place = Place.about(self.anchor, self.gram.basis.x_ref, box=self.box)
+        return groups(self.template.channels, place if any(place.offset) or self.box is not None else None)
 
     @cached_property
     def forms(self) -> tuple[ndarray, ...]:
@@ -391,12 +383,10 @@ class Frame:
             mu = np.zeros(len(forms))
             mu[used] = y[at : at + count] / norms[used] / length
             at += count
-            tau = [
-                float(t) * units.rate / (norms[a] * norms[b])
-                for (a, b), t in zip(family.products, y[at:], strict=False)
-            ]
-            at += len(family.products)
-            chosen.append(_chosen(forms, mu, tau, family, self.upper[group.curve]))
+            first, second = np.array(family.products, int).reshape(-1, 2).T
+            tau = y[at : at + len(first)] * units.rate / (norms[first] * norms[second])
+            at += len(first)
+            chosen.append(Chosen.of(family, mu, tau, self.upper[group.curve], np.zeros(len(mu))))
         if self.demand.ratio is not None:
             full += y[-1] * np.diag(self.shape)
         return Lyapunov(own, rounded(full / units.states / units.states[:, None]), tuple(chosen), self.demand.kappa)
@@ -405,26 +395,3 @@ class Frame:
 def _pairs(rows: Sequence[tuple[int, int, int, float]]) -> Pairs:
     p, q, owner, weight = zip(*rows, strict=True) if rows else ((), (), (), ())
     return Pairs(np.array(p, int), np.array(q, int), np.array(owner, int), np.array(weight, float))
-
-
-def _chosen(forms: ndarray, mu: ndarray, tau: Sequence[float], family: Family, upper: ndarray) -> Chosen:
-    """Return the forms in use with their multipliers, rounded."""
-    products = [(k, j, float(t)) for (k, j), t in zip(family.products, rounded(np.array(tau)), strict=True) if t > 0]
-    used = sorted({int(k) for k in np.flatnonzero(mu)} | {k for pair in products for k in pair[:2]})
-    place = {k: new for new, k in enumerate(used)}
-    pairs = tuple((place[k], place[j], t) for k, j, t in products)
-    return Chosen(forms[used], rounded(mu[used]), upper[used], np.zeros(len(used)), pairs)
-
-
-def about(model: PersidskiiModel, point: OperatingPoint, box: Float[ndarray, "n 2"] | None = None) -> tuple[Group, ...]:
-    """Return the groups of a model about a proved equilibrium, on a box or on all of R."""
-    exact = [Fraction(float(a)) for a in point.x]
-    offset = tuple(a - Fraction(float(r)) for a, r in zip(exact, model.x_ref, strict=True))
-    radius = Fraction(point.radius)
-    if box is None:
-        return groups(model.channels, Place(offset, radius))
-    sides = tuple(
-        (Fraction(float(lo)) - a + radius, Fraction(float(hi)) - a - radius)
-        for (lo, hi), a in zip(box, exact, strict=True)
-    )
-    return groups(model.channels, Place(offset, radius, sides))

@@ -12,12 +12,14 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.stability import write
 from persid.certified_fits.bilinear import Point
 from persid.certified_fits.descent import Descent, Stop, descend
-from persid.certified_fits.joint_problem import Coefficients, Demand, Frame, about
+from persid.certified_fits.joint_problem import Coefficients, Demand, Frame
 from persid.certified_fits.polish import polish
 from persid.errors import RejectedError, RoundingError
 from persid.identification.gram import Gram
 from persid.identification.refinement import Pieces
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, prove
+from persid.lyapunov.sectors import groups
+from persid.lyapunov.shifted_model import place
 from persid.models.model import PersidskiiModel
 
 FULL_P_STATES = 12  # a full P takes part up to this many states
@@ -357,16 +359,15 @@ def certificate_of(task: Task, frame: Frame, model: PersidskiiModel, point: Poin
 
 
 def _bytes(task: Task, frame: Frame, model: PersidskiiModel, point: Point, equilibrium: OperatingPoint) -> bytes | None:
-    lyapunov = frame.lyapunov(model, point.y, about(model, equilibrium, task.box))
+    lyapunov = frame.lyapunov(model, point.y, groups(model.channels, place(model, equilibrium, task.box)))
     if lyapunov is None:
         return None
     if task.box is None:
         return write(model, lyapunov, equilibrium)
-    reach = np.minimum(equilibrium.x - task.box[:, 0], task.box[:, 1] - equilibrium.x) - 3 * equilibrium.radius
     rate = lyapunov.kappa or frame.units.rate
     for _ in range(RATES):
         rated = replace(lyapunov, kappa=rate)
         if rated.is_sound:
-            return write(model, rated, equilibrium, task.box, reach=reach)
+            return write(model, rated, equilibrium, task.box)
         rate /= 4
     return None

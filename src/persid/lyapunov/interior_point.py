@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from persid.lyapunov.iterate import Iterate, first_iterate, resumed, step
+from persid.lyapunov.iterate import Iterate, Step, first_iterate, resumed, step
 from persid.lyapunov.pairs import Problem
 
 ITERATIONS = 80
@@ -65,10 +65,14 @@ class Fence(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Why the method stopped, the last iterate in coordinates z = C w, and a `log` of one line per iterate."""
+    """Why the method stopped, the last iterate in coordinates z = C w, and a `log` of one line per iterate.
+
+    `step` is the one that led to the last iterate, None where there was none.
+    """
 
     status: Status
     last: Iterate
+    step: Step | None
     C: Float[ndarray, "N N"]
     first: float  # the distance of the bounds at the start
     log: tuple[str, ...]
@@ -98,6 +102,12 @@ class Solution:
         """The dual matrix, in the coordinates of the problem given."""
         return self.C @ self.last.X @ self.C.T
 
+    @property
+    def aim(self) -> tuple[Float[ndarray, "N N"], float]:
+        """The dual matrix, in these coordinates, and m where the last step would have gone without a fence."""
+        X, m = (self.last.X, self.last.m) if self.step is None else self.step.end
+        return self.C @ X @ self.C.T, m
+
 
 def solve(
     problem: Problem,
@@ -123,7 +133,7 @@ def solve(
     else:
         C, first = start[0].C, start[0].first
         state = resumed(problem.whitened(C), start[0].last, start[1])
-    log, status, share = [], Status.STALLED, 1.0
+    log, status, taken = [], Status.STALLED, None
     started, goal = time.perf_counter(), fall * state.mu
     try:
         for count in range(iterations):
@@ -141,18 +151,18 @@ def solve(
             if time.perf_counter() - started > time_limit:
                 status = Status.TIME
                 break
-            if share < 1:
+            if taken is not None and taken.share < 1:
                 status = Status.BLOCKED
                 break
             following = step(state, None if fence is None else _limit(fence, state, C))
             if following is None:
                 break
-            state, share = following
+            taken, state = following, following.state
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     if state.t > 0 and status is not Status.BLOCKED and state.is_interior:
         status = Status.FEASIBLE
-    return Solution(status, state, C, first, tuple(log))
+    return Solution(status, state, taken, C, first, tuple(log))
 
 
 def _limit(fence: Fence, state: Iterate, C: ndarray) -> Callable[[ndarray, float], float]:

@@ -163,10 +163,19 @@ def _is_positive(M: ndarray) -> bool:
     return not len(M) or sla.lapack.dpotrf(M, lower=1, clean=0)[1] == 0
 
 
-def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None) -> tuple[Iterate, float] | None:
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The next iterate, the share of the way that a limit left to it, and the dual (X, m) at the end of the way."""
+
+    state: Iterate
+    share: float
+    end: tuple[Float[ndarray, "N N"], float]
+
+
+def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None) -> Step | None:
     """One predictor-corrector step; None when the linear algebra gives out.
 
-    `limit` says which share of the step of the dual matrix to X and m may be taken; it is returned, too.
+    `limit` says which share of the step of the dual matrix to X and m may be taken.
     """
     free = state.problem.free
     try:
@@ -186,7 +195,8 @@ def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None)
         return None
     if max(a, b) < 1e-7:
         return None
-    share = 1.0 if limit is None else limit(state.X + a * corrected.X, state.m + a * corrected.m)
+    end = state.X + a * corrected.X, state.m + a * corrected.m
+    share = 1.0 if limit is None else limit(*end)
     a *= share
     following = Iterate(
         state.problem,
@@ -197,7 +207,7 @@ def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None)
         state.U + a * corrected.U,
         state.x + a * corrected.x,
     )
-    return following, share
+    return Step(following, share, end)
 
 
 def _factored(M: ndarray) -> Callable[[ndarray], ndarray]:

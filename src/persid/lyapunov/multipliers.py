@@ -11,7 +11,7 @@ from numpy import ndarray
 from persid._dyadics import SLACK, _floor, rounded
 from persid.errors import RoundingError
 from persid.lyapunov.inequality import Assembly
-from persid.lyapunov.system import System
+from persid.lyapunov.system import Family, System
 
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)  # unknowns below such a share of the largest are tried as zeros
 LOSS = 1.05  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
@@ -26,6 +26,18 @@ class Chosen:
     upper: Float[ndarray, " K"]
     lower: Float[ndarray, " K"]
     products: tuple[tuple[int, int, float], ...]
+
+    @classmethod
+    def of(
+        cls, family: Family, mu: Float[ndarray, " K"], tau: Float[ndarray, " T"],
+        upper: Float[ndarray, " K"], lower: Float[ndarray, " K"],
+    ) -> "Chosen":  # fmt: skip
+        """Return the forms of a family that are in use, with their multipliers, rounded."""
+        products = [(k, j, float(t)) for (k, j), t in zip(family.products, rounded(tau), strict=True) if t > 0]
+        used = sorted({int(k) for k in np.flatnonzero(mu > 0)} | {k for pair in products for k in pair[:2]})
+        place = {k: new for new, k in enumerate(used)}
+        pairs = tuple((min(place[k], place[j]), max(place[k], place[j]), t) for k, j, t in products)
+        return cls(family.forms[used], rounded(mu[used]), upper[used], lower[used], pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +166,7 @@ def _chosen(
     found = []
     parts = zip(assembly.system.groups, assembly.families, mus, taus, strict=True)
     for g, (group, family, mu, tau) in enumerate(parts):
-        products = [(k, j, float(t)) for (k, j), t in zip(family.products, rounded(tau), strict=True) if t > 0]
-        used = sorted({k for k in range(len(mu)) if mu[k] > 0} | {k for pair in products for k in pair[:2]})
-        place = {k: new for new, k in enumerate(used)}
-        pairs = tuple((min(place[k], place[j]), max(place[k], place[j]), t) for k, j, t in products)
         upper = assembly.target.upper.get(group.curve, np.full(len(mu), np.nan))
         below = np.zeros(len(mu)) if lower is None else lower[g]
-        found.append(Chosen(family.forms[used], rounded(mu[used]), upper[used], below[used], pairs))
+        found.append(Chosen.of(family, mu, tau, upper, below))
     return tuple(found)

@@ -25,6 +25,13 @@ class OperatingPoint:
     radius: float
     u: Float[ndarray, " m"]
 
+    def reach(self, box: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
+        """Return the distance from the faces of the box that a certificate names, per state; negative outside of it.
+
+        The checker takes the ball's radius r off its own box, and names the box in x less 2r at each side.
+        """
+        return np.minimum(self.x - box[:, 0], box[:, 1] - self.x) - 3 * self.radius
+
     def to_dict(self, *, with_input: bool = True) -> dict[str, Any]:
         """Return the point as a certificate writes it."""
         point: dict[str, Any] = {"x": dyadics(self.x), "radius": dyadic(self.radius)}

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.lyapunov.inequality import Assembly, Catalogue, Prices
+from persid.lyapunov.inequality import Assembly, Catalogue
 from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
 from persid.lyapunov.sectors import Curve, Group
 from persid.lyapunov.system import Family, System, Target
@@ -82,7 +82,8 @@ def search(
             progress(f"round {count}: {size} unknowns, {solution.steps} iterations, {solution.status.name}")
         if solution.status not in (FREE if fence is None else FENCED):
             break
-        prices, m = (whole.prices(solution.X), solution.last.m) if fence is None else fence.wanted
+        X, m = (solution.X, solution.last.m) if fence is None else solution.aim
+        prices = whole.prices(X)
         grown = tuple(map(join, assembly.families, prices, repeat(m)))
         settled = all(_contains(old, new) for old, new in zip(assembly.families, grown, strict=True))
         if settled and solution.status is Status.INFEASIBLE:
@@ -95,25 +96,23 @@ def search(
     return Outcome(assembly, solution, count, steps)
 
 
+@dataclass(frozen=True, eq=False)
 class PoolFence:
-    """The cone of all products and densities of the pools; `wanted` is the last end of a step: its prices and m."""
+    """The cone of all products and densities of the pools."""
 
-    def __init__(self, whole: Catalogue) -> None:
-        self._whole = whole
-        self.wanted: tuple[Prices, float] = [], 0.0
+    whole: Catalogue
 
     def bound(self, X: Float[ndarray, "N N"]) -> float:
         """Return the least m for which no price at X is negative."""
-        return max((-float(np.nanmin(worth, initial=0.0)) for _, worth in self._whole.prices(X)), default=0.0)
+        return max((-float(np.nanmin(worth, initial=0.0)) for _, worth in self.whole.prices(X)), default=0.0)
 
     def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
         """Return the share of a step between two (X, m) that stays well inside the cone."""
-        share, prices = 1.0, self._whole.prices(there[0])
-        for old, new in zip(self._whole.prices(here[0]), prices, strict=True):
+        share = 1.0
+        for old, new in zip(self.whole.prices(here[0]), self.whole.prices(there[0]), strict=True):
             for at, to in ((old[0], new[0]), (old[1] + here[1], new[1] + there[1])):
                 leaving = (to < 0) & (at > 0)
                 share = min(share, INSIDE * float((at[leaving] / (at - to)[leaving]).min(initial=np.inf)))
-        self.wanted = prices, there[1]
         return share
 
 

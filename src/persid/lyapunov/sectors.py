@@ -93,6 +93,22 @@ class Place:
     radius: Fraction = Fraction(0)
     box: tuple[tuple[Fraction, Fraction], ...] | None = None
 
+    @classmethod
+    def about(
+        cls,
+        x: Float[ndarray, " n"],
+        x_ref: Float[ndarray, " n"],
+        radius: float = 0.0,
+        box: Float[ndarray, "n 2"] | None = None,
+    ) -> "Place":
+        """Return the place about x* in the ball of this radius around x, exactly as the checker computes it."""
+        centre, r = [Fraction(float(v)) for v in x], Fraction(radius)
+        offset = tuple(a - Fraction(float(v)) for a, v in zip(centre, x_ref, strict=True))
+        if box is None:
+            return cls(offset, r)
+        sides = [(Fraction(float(low)), Fraction(float(high))) for low, high in box]
+        return cls(offset, r, tuple((lo - a + r, hi - a - r) for (lo, hi), a in zip(sides, centre, strict=True)))
+
     def shift(self, row: ndarray) -> tuple[Fraction, Fraction]:
         """Return the ball (center, radius) of r'(x* - x_ref)."""
         exact = {int(i): Fraction(float(row[i])) for i in np.flatnonzero(row)}

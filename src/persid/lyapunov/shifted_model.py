@@ -1,6 +1,6 @@
-"""A model at its operating point: shifted groups, pools of forms with their constants, and what has been disproved."""
+"""A model at its operating point: shifted groups and pools of forms with their constants."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -24,9 +24,9 @@ from persid.models.model import PersidskiiModel
 from persid_check.prover import prove_continuous
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Setting:
-    """The pools shrink while proofs are made: a form that is not proved leaves, a constant that is not proved weakens.
+    """A model about a point, in a box or globally: its groups, their pools of forms, and constants c and d of these.
 
     In a V with a rate stand only nondecreasing forms, whose constant c = 1 needs no further proof, and functions alone.
     """
@@ -36,8 +36,8 @@ class Setting:
     box: Float[ndarray, "n 2"] | None
     found: tuple[Group, ...]
     pools: dict[Curve, ndarray]
-    upper: dict[Curve, ndarray] = field(default_factory=dict)
-    below: dict[Curve, ndarray] = field(default_factory=dict)
+    upper: dict[Curve, ndarray]
+    below: dict[Curve, ndarray]
 
     @classmethod
     def of(
@@ -46,7 +46,7 @@ class Setting:
         """Look at a model about an equilibrium (None: about x_ref, functions not shifted), on a box or globally."""
         if point is not None and box is None and _is_reference(model, point):
             point = None
-        found = groups(model.channels, _place(model, point, box))
+        found = groups(model.channels, place(model, point, box))
         pools, upper, below = {}, {}, {}
         for curve in dict.fromkeys(group.curve for group in found):
             rising, alone = nondecreasing_pool(curve), axes(curve)
@@ -87,43 +87,52 @@ class Setting:
 
     @property
     def reach(self) -> Float[ndarray, " n"] | None:
-        """The distance of the operating point from the faces of the box that a certificate names, per state.
+        """The distance of the operating point from the faces of the box, per state."""
+        return None if self.box is None or self.point is None else self.point.reach(self.box)
 
-        The checker takes the ball's radius r off its own box, and names the box in x less 2r at each side.
+    def without_unproved(self, lyapunov: Lyapunov) -> tuple["Setting", tuple[str, ...]]:
+        """Prove what a Lyapunov function uses; return the setting without what is not proved, and the names of that.
+
+        A form that is not proved leaves its pool, a constant that is not proved weakens.
         """
-        if self.box is None:
-            return None
-        x, radius = (self.model.x_ref, 0.0) if self.point is None else (self.point.x, self.point.radius)
-        return np.minimum(x - self.box[:, 0], self.box[:, 1] - x) - 3 * radius
+        parts = zip(lyapunov.system.groups, lyapunov.chosen, strict=True)
+        used = [
+            (group.curve, tuple(form.tolist()), bool(mu > 0 and lyapunov.kappa > 0))
+            for group, part in parts
+            for form, mu in zip(part.forms, part.mu, strict=True)
+        ]
+        setting, dropped = self, list[str]()
+        for curve, form, rated in dict.fromkeys(used):
+            setting, doubts = setting._doubted(curve, form, rated)
+            dropped += doubts
+        return setting, tuple(dropped)
 
-    def without_unproved(self, lyapunov: Lyapunov) -> list[str]:
-        """Prove what a Lyapunov function uses; take what is not proved out of the pools, and name it."""
-        dropped, seen = [], set()
-        for group, part in zip(lyapunov.system.groups, lyapunov.chosen, strict=True):
-            for form, mu in zip(part.forms, part.mu, strict=True):
-                key = (group.curve, tuple(form.tolist()), bool(mu > 0 and lyapunov.kappa > 0))
-                if key not in seen:
-                    seen.add(key)
-                    dropped += self._doubts(*key)
-        return dropped
-
-    def _doubts(self, curve: Curve, form: tuple[float, ...], rated: bool) -> list[str]:
+    def _doubted(self, curve: Curve, form: tuple[float, ...], rated: bool) -> tuple["Setting", list[str]]:
         places = np.flatnonzero((self.pools[curve] == np.array(form)).all(axis=1))
         if not len(places):  # a group with the same curve has dropped it already
-            return []
+            return self, []
         k = int(places[0])
         if not curve.proves(form):
-            for table in (self.pools, self.upper, self.below):
-                table[curve] = np.delete(table[curve], k, axis=0)
-            return [_text(curve, form)]
+            return self._without(curve, k), [_text(curve, form)]
         c, d = float(self.upper[curve][k]), float(self.below[curve][k])
         if rated and not proves_upper(curve, form, c):
-            self.upper[curve][k] = 1.0 if c != 1.0 and proves_upper(curve, form, 1.0) else np.nan
-            return [f"{_text(curve, form)}, c = {c:.4g}"]
+            weaker = 1.0 if c != 1.0 and proves_upper(curve, form, 1.0) else np.nan
+            return replace(self, upper=_changed(self.upper, curve, k, weaker)), [f"{_text(curve, form)}, c = {c:.4g}"]
         if rated and not proves_lower(curve, form, d):
-            self.below[curve][k] = 0.0
-            return [f"{_text(curve, form)}, d = {d:.4g}"]
-        return []
+            return replace(self, below=_changed(self.below, curve, k, 0.0)), [f"{_text(curve, form)}, d = {d:.4g}"]
+        return self, []
+
+    def _without(self, curve: Curve, k: int) -> "Setting":
+        pools, upper, below = (
+            {**table, curve: np.delete(table[curve], k, axis=0)} for table in (self.pools, self.upper, self.below)
+        )
+        return replace(self, pools=pools, upper=upper, below=below)
+
+
+def _changed(table: dict[Curve, ndarray], curve: Curve, k: int, value: float) -> dict[Curve, ndarray]:
+    constants = table[curve].copy()
+    constants[k] = value
+    return {**table, curve: constants}
 
 
 def undefined(
@@ -133,10 +142,10 @@ def undefined(
 
     A square root is one, and the tangent; the checker asks it of channels without effect, too.
     """
-    place, channels = _place(model, point, box), model.channels
+    at, channels = place(model, point, box), model.channels
     found = []
     for row, f in zip(channels.rows, channels.functions, strict=True):
-        where = (None, None) if place is None else (place.domain(row), place.shift(row))
+        where = (None, None) if at is None else (at.domain(row), at.shift(row))
         if not prove_continuous(((f.program, Fraction(1)),), *where):
             found.append(f.text)
     return tuple(dict.fromkeys(found))
@@ -147,18 +156,9 @@ def _is_reference(model: PersidskiiModel, point: OperatingPoint) -> bool:
     return at_reference and point.radius == 0 and not model.b.any()
 
 
-def _place(model: PersidskiiModel, point: OperatingPoint | None, box: ndarray | None) -> Place | None:
-    """Return where the functions are looked at, exactly as the checker computes it."""
-    if point is None:
-        return None
-    radius = Fraction(point.radius)
-    x = [Fraction(float(v)) for v in point.x]
-    offset = tuple(a - Fraction(float(r)) for a, r in zip(x, model.x_ref, strict=True))
-    if box is None:
-        return Place(offset, radius)
-    sides = [(Fraction(float(lo)), Fraction(float(hi))) for lo, hi in box]
-    reach = tuple((lo - a + radius, hi - a - radius) for (lo, hi), a in zip(sides, x, strict=True))
-    return Place(offset, radius, reach)
+def place(model: PersidskiiModel, point: OperatingPoint | None, box: Float[ndarray, "n 2"] | None) -> Place | None:
+    """Return where the functions of a model are looked at; None where they are not shifted."""
+    return None if point is None else Place.about(point.x, model.x_ref, point.radius, box)
 
 
 def _text(curve: Curve, form: tuple[float, ...]) -> str:

@@ -1,0 +1,41 @@
+"""Failures: why an attempt found no certificate, in words that say what to try."""
+
+from dataclasses import dataclass
+
+from persid.certificates.obstruction import Obstruction
+from persid.lyapunov.interior_point import Status
+from persid.networks.certificate import NetworkObstruction
+from persid.verdicts.verdict import Reason
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """Why an attempt found no certificate."""
+
+    reason: Reason
+    detail: str
+    obstruction: Obstruction | NetworkObstruction | None = None
+
+
+LARGE = "It is a weighted l1 norm; for other Lyapunov functions a model of at most 400 states is needed."
+TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
+NO_POINT = "No equilibrium at the nominal input was found and proved; name a state near it, or another input (u_op)."
+UNDEFINED = (
+    "It is not proved that {} is defined and continuous for all states, which a global claim needs; ask for a region"
+    ' where it is: domain="data", or a box [[lo, hi], …].'
+)
+UNDEFINED_IN_BOX = "It is not proved that {} is defined and continuous in the whole box; give a smaller one."
+NO_SLOPE = "A slope at the operating point is not finite, or not known in floating point."
+UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."
+NO_DECAY = "The linearisation at the operating point is not exponentially stable."
+NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."
+STOPPED = {  # why nothing was found where a solver stopped so
+    Status.INFEASIBLE: Failure(Reason.NOT_FOUND, TRY),
+    Status.STALLED: Failure(Reason.STALLED, "The margin is close to zero: a little more ridge usually decides it."),
+    Status.TIME: Failure(Reason.TIME, "Give more time (time_limit)."),
+}
+
+
+def stopped(status: Status) -> Failure:
+    """Return why nothing was found where a search ended so."""
+    return STOPPED.get(status, STOPPED[Status.STALLED])

@@ -1,0 +1,37 @@
+"""The log of a decision: attempts with their times, as they happen, and what an interruption leaves."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from persid.certificates.certificate import Certificate
+from persid.verdicts.verdict import Attempt
+
+Progress = Callable[[str], None]
+
+
+@dataclass
+class Log:
+    """Collects attempts with their times, and reports them as they happen."""
+
+    limit: float  # in s
+    progress: Progress
+    attempts: list[Attempt] = field(default_factory=list)
+    best: Certificate | None = None  # what an interruption leaves
+    began: float = field(default_factory=lambda: time.perf_counter())
+
+    def left(self) -> float:
+        """Seconds until the time limit."""
+        return self.began + self.limit - time.perf_counter()
+
+    @contextmanager
+    def attempt(self, what: str) -> Iterator[list[str]]:
+        """Time an attempt; its outcome is what the caller appends to the list."""
+        outcome: list[str] = []
+        started = time.perf_counter()
+        try:
+            self.progress(what)
+            yield outcome
+        finally:
+            self.attempts.append(Attempt(what, outcome[0] if outcome else "interrupted", time.perf_counter() - started))

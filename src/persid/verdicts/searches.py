@@ -1,0 +1,91 @@
+"""Searches for a Lyapunov function that end in a proof: by margin, or by rate and gain."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from persid.certificates.certificate import Certificate
+from persid.certificates.obstruction import find_obstruction
+from persid.certificates.stability import write
+from persid.errors import RejectedError, RoundingError
+from persid.lyapunov.interior_point import Status
+from persid.lyapunov.multipliers import Lyapunov, choose
+from persid.lyapunov.rates import Question, best_rate, smallest_gain
+from persid.lyapunov.search import search
+from persid.lyapunov.shifted_model import Setting
+from persid.verdicts import failures as words
+from persid.verdicts.failures import Failure, stopped
+from persid.verdicts.log import Log
+from persid.verdicts.verdict import Reason
+
+RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
+
+Find = Callable[[Setting], Lyapunov | Failure]
+
+
+def settled(setting: Setting, find: Find, log: Log) -> tuple[Certificate | Failure, Setting]:
+    """Find, prove what is used, write and check; what is not proved leaves the pools, and the search is made again.
+
+    Returns:
+        The certificate or why there is none, and the setting without what was not proved.
+    """
+    unproved: list[str] = []
+    while log.left() > 0:
+        try:
+            found = find(setting)
+            if not isinstance(found, Lyapunov):
+                lacking = found.reason in (Reason.NOT_FOUND, Reason.INFEASIBLE) and unproved
+                failure = Failure(Reason.FORM, words.UNPROVED.format("; ".join(unproved[:4]))) if lacking else found
+                return failure, setting
+            log.progress("proving properties of the functions")
+            setting, dropped = setting.without_unproved(found)
+            if not dropped:
+                log.progress("checking in exact arithmetic")
+                return Certificate.accept(write(setting.model, found, setting.point, setting.box)), setting
+        except (RejectedError, RoundingError) as error:
+            return Failure(Reason.ROUNDING, str(error)), setting
+        for line in dropped:
+            log.progress(f"not proved and dropped: {line}")
+        unproved += dropped
+    return stopped(Status.TIME), setting
+
+
+def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
+    """Return a Lyapunov function with V' < 0 and no rate asked for."""
+    found = search(setting.system, setting.pools, full_P=full_P, time_limit=log.left(), progress=log.progress)
+    if found.status is Status.FEASIBLE:
+        return choose(found.assembly, found.solution.y)
+    if found.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    obstruction = find_obstruction(setting.model, found) if found.status is Status.INFEASIBLE else None
+    if obstruction is not None:
+        return Failure(Reason.INFEASIBLE, words.TRY, obstruction)
+    return stopped(found.status)
+
+
+def rate_and_gain(setting: Setting, full_P: bool, each: bool, log: Log) -> Lyapunov | Failure:
+    """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate.
+
+    In a box V is bounded from below in the shape of the box; with `each`, every input has a gain of its own.
+    """
+    J = setting.jacobian
+    if not np.isfinite(J).all():
+        return Failure(Reason.OUTSIDE, words.NO_SLOPE)
+    fastest = -2 * float(np.linalg.eigvals(J).real.max())
+    if fastest <= 0:
+        return Failure(Reason.OUTSIDE, words.NO_DECAY)
+    system, reach = setting.system, setting.reach
+    if len(system.states) < system.n:  # claims E and R keep every state; no form lets this one be kept
+        return stopped(Status.INFEASIBLE)
+    units = setting.units if each else None
+    if units is not None:
+        system = replace(system, B=system.B * units)
+    question = Question(
+        system, setting.pools, setting.upper, setting.below, full_P, None if reach is None else 1 / reach**2
+    )
+    best = best_rate(question, fastest, log.left)
+    if best is None:
+        return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
+    gentle = smallest_gain(question, RATE_SHARE * best.assembly.target.kappa, best, log.left) or best
+    return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
