@@ -9,7 +9,7 @@ from typing import Any
 
 from griffe import Extension, Object
 
-CODE = re.compile(r"(`[^`]*`|(?<=\n\n)(?: {4}.*\n?)+)")  # in backticks, or an indented paragraph
+CODE = re.compile(r"(`[^`]*`|(?<=\n\n)(?: {4}.*\n?)+|(?m:^ {4}>>> .*\n(?: {4}.+\n?)*))")  # in backticks, or indented
 OPTION = re.compile(r"^([a-z_][\w, ]{0,40}): ", re.M)
 
 

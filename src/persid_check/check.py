@@ -28,6 +28,10 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
 
     Raises:
         OSError: a file cannot be read.
+
+    Examples:
+        >>> type(persid_check.check(b"{}")).__name__
+        'Malformed'
     """
     data = _bytes(source)
     other = None if model is None else _bytes(model)

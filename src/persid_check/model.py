@@ -104,7 +104,13 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
 
 
 def model_sha256(data: Mapping[str, Any], folder: Path | None = None) -> str:
-    """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces."""
+    """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])
+        >>> persid_check.model_sha256(model.to_dict()) == model.sha256
+        True
+    """
     return sha256_of(canonical_model(data, folder))
 
 

@@ -5,7 +5,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Accepted:
-    """The claim is proved. `statement` is the checker's own sentence of what was proved; `steps` explain the proof."""
+    """The claim is proved. `statement` is the checker's own sentence of what was proved; `steps` explain the proof.
+
+    Examples:
+        >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
+        >>> persid_check.check(certificate.data).claim == certificate.claim
+        True
+    """
 
     claim: str
     statement: str
@@ -14,7 +20,14 @@ class Accepted:
 
 @dataclass(frozen=True)
 class Rejected:
-    """The file is well formed and its claim is not proved: `where` names the place, `why` the reason."""
+    """The file is well formed and its claim is not proved: `where` names the place, `why` the reason.
+
+    Examples:
+        >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
+        >>> forged = certificate.data.replace(b'"dropped": []', b'"dropped": [0]')
+        >>> isinstance(persid_check.check(forged), persid_check.Accepted)
+        False
+    """
 
     where: str
     why: str
@@ -22,7 +35,12 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Malformed:
-    """The file is not a certificate of the specified format: `where` names the place, `why` the reason."""
+    """The file is not a certificate of the specified format: `where` names the place, `why` the reason.
+
+    Examples:
+        >>> persid_check.check(b"[]")
+        Malformed(where='claim', why='one of G, M, E, R, infeasible, refuted is needed')
+    """
 
     where: str
     why: str

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import benchmark_tables
+import make_rooms
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pytest
@@ -203,3 +204,20 @@ def test_api_pages_hold_every_public_name() -> None:
     )
     errors = {name for name in ps.__all__ if name.endswith("Error")}  # documented together, as a module
     assert {*ps.__all__, *persid_check.__all__} - errors - {"__version__"} <= entries
+
+
+def test_the_rooms_are_drawn_as_they_are() -> None:
+    """The picture of the rooms shows the imports of today, and none of them goes up."""
+    assert make_rooms.PICTURE.read_text(encoding="utf-8") == make_rooms.picture(), "run python docs/make_rooms.py"
+    rooms = make_rooms.layers()
+    for k, room in enumerate(rooms[:-1]):
+        assert not make_rooms.imported(room) & set(rooms[:k])
+
+
+def test_api_pages_mirror_the_rooms() -> None:
+    """An entry of a page of the API comes from the room that the page is named after."""
+    for page in DOCS.glob("api/*.md"):
+        room = "persid_check" if page.stem == "checker" else f"persid.{page.stem.replace('-', '_')}"
+        entries = re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.M)
+        assert entries
+        assert all(entry == room or entry.startswith(f"{room}.") for entry in entries)

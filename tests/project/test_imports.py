@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import persid as ps
+from places import ROOT
 
 SOURCE = Path(ps.__file__).parent
 CHECKER = SOURCE.parent / "persid_check"
@@ -76,3 +77,11 @@ def test_unknown_names_are_refused() -> None:
     """A name that persid does not have is an AttributeError that says so."""
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = ps.nonsense
+
+
+def test_oldest_requirements_are_those_of_the_project() -> None:
+    """The constraints of the job with the oldest requirements are the lower bounds in pyproject.toml."""
+    done = subprocess.run(
+        [sys.executable, ROOT / ".ci" / "lower_bounds.py"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == (ROOT / ".ci" / "oldest.txt").read_text("utf-8"), "run .ci/lower_bounds.py > .ci/oldest.txt"

@@ -28,6 +28,11 @@ class Certificate:
     """A proof that a model is input-to-state stable, accepted by `persid_check` byte for byte.
 
     `statement` and `steps` are the checker's own words; `claim` is G, M, E or R.
+
+    Examples:
+        >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
+        >>> certificate.scope, certificate.rate is not None
+        ('global', True)
     """
 
     data: bytes

@@ -30,6 +30,12 @@ class Witness:
     """A proof that a model is not input-to-state stable, accepted by `persid_check` byte for byte.
 
     `sentence` is for people; `statement` and `steps` are the checker's own words.
+
+    Examples:
+        >>> verdict = ps.certify(ps.PersidskiiModel(A0=[[1.0]], B=[[1.0]]))
+        >>> verdict.witness.save("witness.json")
+        >>> ps.check("witness.json").claim
+        'refuted'
     """
 
     data: bytes

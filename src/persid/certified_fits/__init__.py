@@ -1,1 +1,1 @@
-"""Certified fits."""
+"""Fits under the condition that a certificate exists, and how sure a fit is."""

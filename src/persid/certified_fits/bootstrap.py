@@ -90,6 +90,12 @@ def bootstrap(
 
     Raises:
         DataError: the fit cannot be repeated from its Gram matrices.
+
+    Examples:
+        >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> fit = ps.PersidskiiIdentifier(["x"], ridge=1e-3).fit(data)
+        >>> ps.bootstrap(fit, 3, engine=None).share
+        1.0
     """
     grams = _blocks(fit)
     if count < 1:

@@ -117,6 +117,12 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
 
     After `fit`: free_ (the fitted estimator), model_ (certified; where none was found, the free model), certificate_
     (None where none was found), verdict_ (Certified or Undecided), report_, history_, table_, stop_.
+
+    Examples:
+        >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> best = ps.CertifiedIdentifier(ps.PersidskiiIdentifier(["x"], ridge=1e-3), ridge=1e-3).fit(data)
+        >>> best.verdict_.is_certified
+        True
     """
 
     def __init__(

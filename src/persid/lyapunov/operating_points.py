@@ -19,7 +19,14 @@ REACH = 4.0  # starts fill the box of the data, enlarged this many times about i
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """Exactly one equilibrium x* for the constant input u lies in the ball |x - x*|_inf <= radius, by proof."""
+    """Exactly one equilibrium x* for the constant input u lies in the ball |x - x*|_inf <= radius, by proof.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-2.0]], B=[[1.0]], b=[1.0])
+        >>> point = ps.find_operating_point(model)[0]
+        >>> round(float(point.x[0]), 6), point.radius < 1e-6
+        (0.5, True)
+    """
 
     x: Float[ndarray, " n"]
     radius: float
@@ -59,6 +66,11 @@ def find_operating_point(
 
     Raises:
         ModelError: u or `near` is not a vector of finite numbers of the right length.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> [round(float(point.x[0]), 6) for point in ps.find_operating_point(model)]
+        [0.0, 1.0, -1.0]
     """
     u = model.u_ref if u is None else vector("u", u, model.m)
     centre = model.x_ref if near is None else vector("a state near the operating point", near, model.n)

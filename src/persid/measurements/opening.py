@@ -57,6 +57,11 @@ def open_recordings(
 
     Raises:
         DataError: as for `persid.read_csv`; or `gap` is needed, because steps differ too much from chunk to chunk.
+
+    Examples:
+        >>> there = ps.open_recordings("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> ps.PersidskiiIdentifier(["x"], ridge=1e-4).fit(there).model_.states
+        ('x1', 'x2')
     """
     columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
     return look_through(list(_chunks_of(source, run)), columns, run, make_engine(engine, scheduler, progress))

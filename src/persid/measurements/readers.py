@@ -31,6 +31,11 @@ def read_csv(
     Raises:
         DataError: a column is missing, a cell is no finite number, times do not increase, or rows are too few; the
             message names file, row (the line of the file; the header is row 1) and column, and what to try.
+
+    Examples:
+        >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> data[0].x.shape, data.states
+        ((1000, 2), ('x1', 'x2'))
     """
     columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
     return _assemble((csv_table(file, columns) for file in files_of(paths)), columns)
@@ -50,6 +55,12 @@ def read_parquet(
 
     Raises:
         DataError: as for `read_csv`.
+
+    Examples:
+        >>> import pandas as pd
+        >>> pd.DataFrame({"t": [0.0, 0.1, 0.2], "x": [1.0, 0.9, 0.8]}).to_parquet("run.parquet")
+        >>> len(ps.read_parquet("run.parquet", time="t", states=["x"])[0].t)
+        3
     """
     columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
     return _assemble((_parquet_table(file) for file in files_of(paths)), columns)

@@ -76,6 +76,11 @@ class Recordings:
 
     `moments` are those of states and inputs side by side, over all complete rows (single ones between gaps included);
     `digest` is a SHA-256 over those of the chunks.
+
+    Examples:
+        >>> there = ps.open_recordings("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> there.states, there.inputs
+        (('x1', 'x2'), ('u',))
     """
 
     states: tuple[str, ...]

@@ -23,6 +23,11 @@ class Trajectory:
     Under a zero-order hold u[k] acts from t[k] to t[k+1]; the last one is unused. `diverged_at` is the time in s at
     which a simulated run left the range of representable states, None when it did not; `stopped_at` the time at which
     its budget of computation was used up with the state still bounded (a model that is too fast or too stiff).
+
+    Examples:
+        >>> run = ps.Trajectory(np.array([0.0, 0.1]), np.array([[1.0], [0.9]]), np.zeros((2, 1)))
+        >>> run.x.shape, run.diverged_at
+        ((2, 1), None)
     """
 
     t: Float[ndarray, " N"]
@@ -45,7 +50,13 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Trajectories(Sequence[Trajectory]):
-    """A sequence of runs of one system, with the names of its states and inputs and the repairs made while reading."""
+    """A sequence of runs of one system, with the names of its states and inputs and the repairs made while reading.
+
+    Examples:
+        >>> data = ps.Trajectories.from_arrays(np.zeros((100, 2)), np.zeros((100, 1)), dt=0.1)
+        >>> len(data), data.states, data.inputs
+        (1, ('x1', 'x2'), ('u1',))
+    """
 
     runs: tuple[Trajectory, ...]
     states: tuple[str, ...]

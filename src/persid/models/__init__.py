@@ -1,1 +1,1 @@
-"""Models."""
+"""The model as a value: its functions, its right side, simulation, exports."""

@@ -17,6 +17,11 @@ def equations(model: PersidskiiModel | OutputModel, form: str = "text", digits: 
     Raises:
         DataError: an unknown form.
         ModelError: a sparse model is too large to be written out.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> print(ps.equations(model))
+        d(x1)/dt = -1 x1 - 1 x1**3 + 1 u1
     """
     field = (model.dynamics if isinstance(model, OutputModel) else model).field
     seen = model.equation if isinstance(model, OutputModel) else None

@@ -15,6 +15,12 @@ def load_model(path: str | Path) -> Any:
 
     Raises:
         ModelError: the file is not JSON, or not a model.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> model.save("saved.json")
+        >>> ps.load_model("saved.json") == model
+        True
     """
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)

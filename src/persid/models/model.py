@@ -49,6 +49,11 @@ class PersidskiiModel:
 
     Raises:
         ModelError: shapes do not fit, a number is not finite, or a function is not of the grammar.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> model.rhs(np.array([2.0]), np.array([0.5]))
+        array([-9.5])
     """
 
     A0: Float[ndarray, "n n"] | Sparse

@@ -62,6 +62,11 @@ class OutputModel:
 
     Raises:
         ModelError: shapes do not fit, a number is not finite, a function is not of the grammar, or names repeat.
+
+    Examples:
+        >>> dynamics = ps.PersidskiiModel(A0=[[0.0, 1.0], [-4.0, -1.0]], B=[[0.0], [1.0]])
+        >>> ps.OutputModel(dynamics, C=[[1.0, 0.0]], outputs=["angle"]).outputs
+        ('angle',)
     """
 
     dynamics: PersidskiiModel

@@ -1,1 +1,1 @@
-"""Reports."""
+"""What a run leaves: the folder of results, the page and its figures."""

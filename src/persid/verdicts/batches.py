@@ -19,7 +19,13 @@ from persid.verdicts.verdict import Reason, Undecided, Verdict
 
 @dataclass(frozen=True)
 class Failed:
-    """No verdict: what went wrong with this model, in its place among the verdicts."""
+    """No verdict: what went wrong with this model, in its place among the verdicts.
+
+    Examples:
+        >>> answers = ps.certify_many(["no.json"], engine=None)
+        >>> isinstance(answers[0], ps.Failed)
+        True
+    """
 
     error: str
 
@@ -60,6 +66,11 @@ def certify_many(
 
     Raises:
         DataError: no such engine.
+
+    Examples:
+        >>> stable, unstable = (ps.PersidskiiModel(A0=[[a]], B=[[1.0]]) for a in (-1.0, 1.0))
+        >>> [type(answer).__name__ for answer in ps.certify_many([stable, unstable, "no.json"], engine=None)]
+        ['Certified', 'Refuted', 'Failed']
     """
     answers: dict[int, Answer] = {}
     tell = progress or silent

@@ -57,6 +57,12 @@ def certify(
 
     Raises:
         ModelError: an argument does not fit the model.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> verdict = ps.certify(model)
+        >>> verdict.is_certified, verdict.certificate.claim
+        (True, 'E')
     """
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")

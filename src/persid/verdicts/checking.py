@@ -20,6 +20,12 @@ def load_certificate(path: str | Path) -> Certificate | NetworkCertificate:
     Raises:
         OSError: the file, or its companion, cannot be read.
         RejectedError: the checker does not accept the file.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> ps.certify(model).certificate.save("certificate.json")
+        >>> ps.load_certificate("certificate.json").model == model
+        True
     """
     data = Path(path).read_bytes()
     return load(data, Path(path).parent) if _claim(data) == "L1" else Certificate.accept(data)
@@ -44,6 +50,12 @@ def check(
 
     Raises:
         OSError: a file cannot be read.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
+        >>> certificate = ps.certify(model).certificate
+        >>> type(ps.check(certificate, model)).__name__
+        'Accepted'
     """
     data = Path(certificate) if isinstance(certificate, str | Path) else certificate.data
     arrays = getattr(certificate, "arrays", None)

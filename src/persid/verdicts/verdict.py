@@ -82,7 +82,13 @@ class _Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Certified(_Verdict):
-    """The model is input-to-state stable: `certificate` is a proof that `persid_check` has accepted."""
+    """The model is input-to-state stable: `certificate` is a proof that `persid_check` has accepted.
+
+    Examples:
+        >>> verdict = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]]))
+        >>> isinstance(verdict, ps.Certified)
+        True
+    """
 
     certificate: Certificate | NetworkCertificate
     attempts: tuple[Attempt, ...] = ()
@@ -107,7 +113,13 @@ class Certified(_Verdict):
 
 @dataclass(frozen=True, eq=False)
 class Refuted(_Verdict):
-    """The model is not input-to-state stable: `witness` is a proof that `persid_check` has accepted."""
+    """The model is not input-to-state stable: `witness` is a proof that `persid_check` has accepted.
+
+    Examples:
+        >>> verdict = ps.certify(ps.PersidskiiModel(A0=[[1.0]], B=[[1.0]]))
+        >>> verdict.witness.kind
+        'unstable-equilibrium'
+    """
 
     witness: Witness
     attempts: tuple[Attempt, ...] = ()
@@ -122,6 +134,12 @@ class Undecided(_Verdict):
 
     `obstruction` proves the reason where it is INFEASIBLE; it does not refute stability. `evidence` tells what a few
     simulations did; it neither proves nor refutes anything.
+
+    Examples:
+        >>> model = ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])
+        >>> verdict = ps.certify(model, time_limit=0)
+        >>> verdict.reason.name
+        'TIME'
     """
 
     reason: Reason
