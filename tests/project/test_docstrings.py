@@ -20,7 +20,7 @@ PUBLIC: dict[str, Any] = {
     if name not in PLAIN and (inspect.isclass(value := getattr(package, name)) or inspect.isfunction(value))
     if not (inspect.isclass(value) and issubclass(value, Exception))
 }
-LATER = {
+INNER = {
     "Group",
     "canonical_model",
     "groups",
