@@ -12,6 +12,8 @@ from persid_check.format import Claimed, Infeasibility, Refutation, read_certifi
 from persid_check.infeasibility import prove_infeasibility
 from persid_check.model import model_sha256, sha256_of
 from persid_check.network import NetworkClaim, NetworkObstruction, prove_network, prove_no_weights, read_network
+from persid_check.outputs import FORMAT as OUTPUT_FORMAT
+from persid_check.outputs import NOTHING, Conclusions, detached, output_sha256, read_conclusions
 from persid_check.refutation import prove_refutation
 from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
 from persid_check.work import allowance, limited
@@ -37,10 +39,12 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
     other = None if model is None else _bytes(model)
     try:
         with ctx.workprec(PRECISION):
-            claim = _read(json_text.read(data, floats=False), _folder(source), arrays)
-            _same_model(claim, None if other is None else json_text.read(other, floats=True), _folder(model))
+            plain, optional = detached(json_text.read(data, floats=False))
+            claim = _read(plain, _folder(source), arrays)
+            more = NOTHING if isinstance(claim, Networked) else read_conclusions(optional, claim.subject)
+            _same_model(claim, more, None if other is None else json_text.read(other, floats=True), _folder(model))
             with limited(_allowance(claim)):
-                statement, steps = _prove(claim)
+                statement, steps = _prove(claim, more)
     except FormatError as error:
         return Malformed(error.where, error.why)
     except NotProvedError as error:
@@ -66,10 +70,17 @@ def _read(data: Any, folder: Path | None, arrays: bytes | None) -> Claimed | Net
     return read_network(data, folder, arrays) if is_network else read_certificate(data)
 
 
-def _same_model(claim: Claimed | Networked, other: Any, folder: Path | None) -> None:
+def _same_model(claim: Claimed | Networked, more: Conclusions, other: Any, folder: Path | None) -> None:
     if sha256_of(claim.subject.form) != claim.subject.sha256:
         raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
-    if other is not None and model_sha256(other, folder) != claim.subject.sha256:
+    if other is None:
+        return
+    has_outputs = isinstance(other, dict) and other.get("format") == OUTPUT_FORMAT
+    if has_outputs:
+        found = output_sha256(other, folder)
+        if more.outputs is not None and found != more.outputs.sha256:
+            raise NotProvedError("model", "the certificate speaks of other outputs, or of another model")
+    if model_sha256(other["dynamics"] if has_outputs else other, folder) != claim.subject.sha256:
         raise NotProvedError("model", "the certificate speaks of another model")
 
 
@@ -77,11 +88,11 @@ def _allowance(claim: Claimed | Networked) -> int:
     return allowance(len(claim.kinds if isinstance(claim, Networked) else claim.subject.groups))
 
 
-def _prove(claim: Claimed | Networked) -> tuple[str, tuple[str, ...]]:
+def _prove(claim: Claimed | Networked, more: Conclusions) -> tuple[str, tuple[str, ...]]:
     if isinstance(claim, NetworkObstruction):
         return prove_no_weights(claim)
     if isinstance(claim, NetworkClaim):
         return prove_network(claim)
     if isinstance(claim, Infeasibility):
         return prove_infeasibility(claim)
-    return prove_refutation(claim) if isinstance(claim, Refutation) else prove_stability(claim)
+    return prove_refutation(claim) if isinstance(claim, Refutation) else prove_stability(claim, more)

@@ -6,12 +6,13 @@ from fractions import Fraction
 
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-from persid_check import sentences
+from persid_check import output_sentences, sentences
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, blocks, diagonal, is_positive_definite
 from persid_check.format import GroupProof, Stability
 from persid_check.inequality import Inequality, assemble, density, gamma_matrix, quadratic_form
 from persid_check.model import Group
+from persid_check.outputs import NOTHING, Conclusions, prove_incremental, prove_outputs
 from persid_check.prover import (
     prove_continuous,
     prove_integral_lower,
@@ -42,7 +43,7 @@ class Setting:
     shift: Shift
 
 
-def prove_stability(claim: Stability) -> tuple[str, tuple[str, ...]]:
+def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> tuple[str, tuple[str, ...]]:
     """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
     _signs(claim)
     _equilibrium(claim)
@@ -58,7 +59,16 @@ def prove_stability(claim: Stability) -> tuple[str, tuple[str, ...]]:
     if claim.subject.claim == "R":
         _region(claim, matrices)
     everywhere = _holds_everywhere(claim, settings, spanning)
-    return sentences.stability(claim, everywhere), sentences.stability_steps(claim, settings, kept, everywhere)
+    if more.outputs is not None:
+        prove_outputs(claim, more.outputs, lower_bound(claim, matrices) if claim.subject.claim == "R" else matrices.P)
+    if more.incremental:
+        prove_incremental(claim, everywhere)
+    bounds = None if more.outputs is None else output_sentences.bounds(claim, more.outputs)
+    statement = sentences.stability(claim, everywhere, bounds)
+    if more.incremental:
+        statement = f"{statement} {output_sentences.between(more)}"
+    steps = sentences.stability_steps(claim, settings, kept, everywhere, output_sentences.steps(more))
+    return statement, steps
 
 
 def _signs(claim: Stability) -> None:

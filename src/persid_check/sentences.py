@@ -58,10 +58,10 @@ def _model(subject: Subject) -> str:
     return f"The model with {states} {names} ({model.n}), {counted(model.m, 'input')} and SHA-256 {subject.sha256}"
 
 
-def stability(claim: Stability, everywhere: bool) -> str:
-    """Return the sentence of claims G, M, E and R."""
+def stability(claim: Stability, everywhere: bool, bounds: str | None = None) -> str:
+    """Return the sentence of claims G, M, E and R; `bounds`, if given, stand in place of that of the state."""
     kind = "regionally input-to-state stable" if claim.subject.claim == "R" else "globally input-to-state stable"
-    parts = [f"{_model(claim.subject)} is {kind} {_place(claim)}.", *_estimate(claim)]
+    parts = [f"{_model(claim.subject)} is {kind} {_place(claim)}.", *_estimate(claim, bounds)]
     if everywhere:
         parts.append("The same holds, with the same numbers, about every equilibrium of every constant input.")
     return " ".join(parts)
@@ -86,13 +86,13 @@ def _equilibrium(point: Point) -> str:
     return f"the one equilibrium x* {ball} for the constant input u* = {_vector(point.u)}"
 
 
-def _estimate(claim: Stability) -> list[str]:
+def _estimate(claim: Stability, bounds: str | None) -> list[str]:
     if claim.subject.claim not in ("E", "R"):
         return []
     start = f"{root(1 / claim.p)} sqrt(V(x(0))) exp(-{decimal(claim.kappa / 2, up=False)} t)"
-    bound = f"|x(t) - x*| <= {' + '.join([start, *_gains(claim)])} for all t >= 0"
+    bound = bounds or f"|x(t) - x*| <= {' + '.join([start, *_gains(claim)])} for all t >= 0"
     if claim.subject.claim == "E":
-        return [f"{bound}."]
+        return [f"{bound[0].upper()}{bound[1:]}."]
     sides = ", ".join(f"[{marked(side)}]" for side in claim.box[:SHOWN])
     sides += f", ... ({len(claim.box)} sides)" if len(claim.box) > SHOWN else ""
     shrunk = " less twice the ball's radius at each side" if claim.point is not None and claim.point.radius else ""
@@ -117,7 +117,7 @@ def _gains(claim: Stability) -> list[str]:
 
 
 def stability_steps(
-    claim: Stability, settings: Sequence[Setting], kept: Sequence[int], everywhere: bool
+    claim: Stability, settings: Sequence[Setting], kept: Sequence[int], everywhere: bool, more: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """Return the proof of claims G, M, E and R as steps."""
     name, model = claim.subject.claim, claim.subject.model
@@ -142,6 +142,7 @@ def stability_steps(
     steps.append(theorem if joint else theorem.replace("gamma |u - u*|^2", "(u - u*)'Gamma (u - u*)"))
     if everywhere:
         steps.append("Every form that is used is nondecreasing on R, so all of it holds about every equilibrium.")
+    steps += more
     return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))
 
 

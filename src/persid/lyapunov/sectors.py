@@ -18,7 +18,7 @@ from numpy import ndarray
 from persid.models.channels import Channels
 from persid.models.functions import scalar_function
 from persid_check.expression import Program
-from persid_check.prover import prove_sector_form
+from persid_check.prover import prove_nondecreasing, prove_sector_form
 
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
 LOOSE = 2.0**-8  # the same for nondecreasing forms, whose proof takes about 1 / sqrt(LOOSE) pieces
@@ -26,6 +26,8 @@ RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form 
 ROUNDING = 2.0**-20
 HULL_SAMPLES = {1: 10, 2: 400, 3: 400, 4: 400, 5: 120, 6: 40}  # by dimension: the number of facets grows with a power
 FINE_SAMPLES = 3000
+NEAR_INTEGER = 1e-4  # a sampled slope so near to an integer is taken for it, before it is proved
+STEEP = 1e6  # a sampled slope beyond this has no bound
 LARGEST_VALUE = 1e120  # samples of the curve stop where a function exceeds this
 
 
@@ -239,11 +241,52 @@ def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
 
 @lru_cache(maxsize=512)
 def nondecreasing_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
-    """Return candidate nondecreasing forms: facets of the conic hull of the slopes phi'(y).
+    """Return candidate nondecreasing forms: exact ones, then facets of the conic hull of the slopes phi'(y).
 
     They are sector forms under every shift, and their integral is at most y l'phi(y).
     """
-    return _relaxed_facets(curve, POOL_SIZE // 3, slopes=True)
+    exact = slope_forms(curve)
+    if curve.domain is None and curve.size == 2 and len(exact) == 2:  # these two are all the facets that the curve of a single function has
+        return exact
+    return tuple(dict.fromkeys([*exact, *_relaxed_facets(curve, POOL_SIZE // 3, slopes=True)]))
+
+
+def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return f_j - s y and S y - f_j for functions whose slopes are proved to lie in [s, S], on all of R.
+
+    Facets have to be relaxed to be proved. These are not: a neuron tanh(x + b) keeps its sector from 0 to 1, and where
+    a model leaves little room that decides.
+    """
+    found = []
+    for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
+        for slope, sign in zip(_slopes(text), (1.0, -1.0), strict=True):
+            form = (0.0 - sign * slope * float(factor), sign)
+            if np.isfinite(slope) and prove_nondecreasing(
+                ((scalar_function(text).program, factor),), [Fraction(c) for c in form]
+            ):
+                found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
+    return tuple(found)
+
+
+@lru_cache(maxsize=512)
+def _slopes(text: str) -> tuple[float, float]:
+    """Return what the least and the largest slope of a function seem to be; infinite where there is none.
+
+    A shift is taken off first: it changes no slope, and samples are dense about 0.
+    """
+    f = scalar_function(text).unshifted[0]
+    y = np.concatenate([[0.0], np.geomspace(1e-4, 1e8, FINE_SAMPLES)])
+    with np.errstate(all="ignore"):
+        found = f.derivative(np.concatenate([-y, y]))
+    return _outward(float(found.min()), np.floor), _outward(float(found.max()), np.ceil)
+
+
+def _outward(slope: float, rounding: np.ufunc) -> float:
+    """Round a slope to an integer where it is about one, else outwards."""
+    nearest = round(slope) if np.isfinite(slope) and abs(slope) < STEEP else np.inf
+    if abs(nearest) == np.inf or abs(slope - nearest) < NEAR_INTEGER:
+        return float(nearest)
+    return float(rounding(slope / ROUNDING) * ROUNDING)
 
 
 @lru_cache(maxsize=512)
