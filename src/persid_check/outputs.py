@@ -75,7 +75,7 @@ def read_conclusions(more: Mapping[str, Any], subject: Subject) -> Conclusions:
 def _outputs(value: Any, subject: Subject) -> Outputs:
     block = read_object("outputs", value, ("sha256", *FIELDS, "constants", "lipschitz"))
     stated = read_text("outputs.sha256", block["sha256"], 64)
-    form = _form({name: block[name] for name in FIELDS}, subject.model.n, subject.model.m)
+    form = canonical_outputs({name: block[name] for name in FIELDS}, subject.model.n, subject.model.m)
     if form != {name: block[name] for name in FIELDS}:
         raise FormatError("outputs", "not in canonical form")
     if sha256_of({"format": FORMAT, "dynamics": subject.form, **form}) != stated:
@@ -107,7 +107,7 @@ def output_sha256(data: Any, folder: Path | None = None) -> str:
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
     dynamics = canonical_model(data["dynamics"], folder)
-    form = _form(data, len(dynamics["states"]), len(dynamics["inputs"]))
+    form = canonical_outputs(data, len(dynamics["states"]), len(dynamics["inputs"]))
     return sha256_of({"format": FORMAT, "dynamics": dynamics, **form})
 
 
@@ -117,10 +117,6 @@ def canonical_outputs(data: Mapping[str, Any], n: int, m: int) -> dict[str, Any]
     Raises:
         FormatError: a field is of the wrong type or shape; the message names the place.
     """
-    return _form(data, n, m)
-
-
-def _form(data: Mapping[str, Any], n: int, m: int) -> dict[str, Any]:
     names = read_names("outputs.outputs", data["outputs"])
     count = len(names)
     if not 1 <= count <= MAX_OUTPUTS:
@@ -167,7 +163,7 @@ def prove_outputs(claim: Stability, outputs: Outputs, below: Matrix) -> None:
         raise NotProvedError("outputs", "b is not zero at the reference; bounds of outputs need an operating point")
     for i, program in enumerate(outputs.maps or ()):
         _steepness(i, program, outputs.lipschitz[i])
-    for i, least in enumerate(_least_constants(outputs.C, below)):
+    for i, least in enumerate(least_constants(outputs.C, below)):
         if not outputs.constants[i] >= least:
             raise NotProvedError(f"outputs.constants[{i}]", "c V >= |C (x - x*)|^2 does not follow from the bound of V")
 
@@ -179,7 +175,7 @@ def _steepness(i: int, program: Program, L: Fraction) -> None:
         raise NotProvedError(f"outputs.lipschitz[{i}]", "no proof that the output map is nowhere steeper")
 
 
-def _least_constants(C: Sequence[Row], below: Matrix) -> list[Fraction]:
+def least_constants(C: Sequence[Row], below: Matrix) -> list[Fraction]:
     """Return C_i below^-1 C_i' for each row: the least c with c below - C_i'C_i >= 0."""
     n = below.height
     if n > MAX_STATES:

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from persid.lyapunov.sectors import POOL_SIZE, Curve, groups, pool
+from persid.lyapunov.sectors import POOL_SIZE, Curve, groups, nondecreasing_pool, pool, slope_forms
 from persid.models.model import PersidskiiModel
 
 
@@ -89,3 +89,33 @@ def test_channels_without_effect_leave_the_curve() -> None:
     assert found[0].members == (0, 1)
     assert found[0].channels == (1,)
     assert found[0].curve.functions == ("tanh(x)",)
+
+
+@pytest.mark.parametrize(
+    ("f", "forms"),
+    [
+        *((f"{name}(x{shift})", {(0.0, 1.0), (1.0, -1.0)}) for shift in ("", " + 0.3712", " - 1.5")
+          for name in ("tanh", "arctan", "softsign", "relu", "sat", "deadzone", "softplus", "arcsinh")),
+        ("tanh(2*x + 1)", {(0.0, 1.0), (2.0, -1.0)}),
+        ("sin(x - 2)", {(1.0, 1.0), (1.0, -1.0)}),
+        ("abs(x)", {(1.0, 1.0), (1.0, -1.0)}),
+        ("sinh(x)", {(-1.0, 1.0)}),
+        ("x**3", {(0.0, 1.0)}),
+    ],
+)  # fmt: skip
+def test_slopes_are_exact(f: str, forms: set[tuple[float, float]]) -> None:
+    """Where the prover can prove them, slopes enter a proof as they are, shifted or not, and not relaxed."""
+    assert set(slope_forms(curve(f, shift=0.25))) == forms
+    assert forms <= set(nondecreasing_pool(curve(f, shift=0.25)))
+
+
+def test_an_irrational_slope_is_rounded_outwards() -> None:
+    """The steepest slope of erf is 2 / sqrt(pi), and a little more is proved."""
+    steepest = dict((sign, slope) for slope, sign in slope_forms(curve("erf(x + 1)")))[-1.0]
+    assert 0 < steepest - 2 / np.sqrt(np.pi) < 1e-5
+
+
+def test_factors_scale_slopes() -> None:
+    """tanh(3 y) has slopes from 0 to 3; in a group of two functions each keeps its own forms."""
+    both = Curve(("tanh(x)", "relu(x)"), (Fraction(3), Fraction(1)))
+    assert set(slope_forms(both)) == {(0.0, 1.0, 0.0), (3.0, -1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, -1.0)}

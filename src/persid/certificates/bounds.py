@@ -51,13 +51,13 @@ def above(ball: arb) -> float:
 def gain(content: Mapping[str, Any]) -> arb:
     """Return the gain from sup|v| to |x - x*|: the root of the largest eigenvalue of Gamma over kappa p."""
     with ctx.workprec(BITS):
-        return (_largest_eigenvalue(content["gamma"]) / _unit(content)).sqrt()
+        return (largest_eigenvalue(content["gamma"]) / _unit(content)).sqrt()
 
 
 def gains(content: Mapping[str, Any], width: int) -> list[arb]:
     """Return the gain from sup|v_l| to |x - x*| for each of `width` inputs."""
     with ctx.workprec(BITS):
-        return [(_ball(coupling(content, width)[k][k]) / _unit(content)).sqrt() for k in range(width)]
+        return [(ball(coupling(content, width)[k][k]) / _unit(content)).sqrt() for k in range(width)]
 
 
 def coupling(content: Mapping[str, Any], width: int) -> list[list[Fraction]]:
@@ -76,10 +76,10 @@ def supply(content: Mapping[str, Any], sizes: Sequence[float]) -> Fraction:
     return sum((abs(Gamma[i][j]) * a * b for i, a in enumerate(s) for j, b in enumerate(s)), Fraction(0))
 
 
-def _largest_eigenvalue(stored: Any) -> arb:
+def largest_eigenvalue(stored: Any) -> arb:
     """Return an upper bound, to 0.1 %: (tr Gamma^k)^(1/k) for Gamma > 0, k a power of two."""
     if not isinstance(stored, dict):
-        return _ball(exact(stored))
+        return ball(exact(stored))
     width, squarings = len(stored["lower"]), 12
     Gamma = coupling({"gamma": stored}, width)
     entries = [arb(fmpq(v.numerator, v.denominator)) for row in Gamma for v in row]
@@ -90,14 +90,14 @@ def _largest_eigenvalue(stored: Any) -> arb:
 
 
 def _unit(content: Mapping[str, Any]) -> arb:
-    return _ball(exact(content["kappa"]) * exact(content["p"]))
+    return ball(exact(content["kappa"]) * exact(content["p"]))
 
 
 def overshoot(content: Mapping[str, Any], x0: Float[ndarray, " n"]) -> arb:
     """Return sqrt(V(x0) / p)."""
     with ctx.workprec(BITS):
         largest = lyapunov(content, x0).hi
-        return (largest / _ball(exact(content["p"]))).sqrt() if largest > 0 else arb(0)
+        return (largest / ball(exact(content["p"]))).sqrt() if largest > 0 else arb(0)
 
 
 def bound(
@@ -105,11 +105,11 @@ def bound(
 ) -> Float[ndarray, " N"]:
     """Return the bound of |x(t) - x*| at times t (s) for inputs with sup|v| <= u_sup, or sup|v_l| <= u_sup[l] each."""
     with ctx.workprec(BITS):
-        start, rate = overshoot(content, x0), _ball(exact(content["kappa"]) / 2)
+        start, rate = overshoot(content, x0), ball(exact(content["kappa"]) / 2)
         if isinstance(u_sup, float):
             steady = gain(content) * arb(u_sup)
         else:
-            steady = (_ball(supply(content, u_sup)) / _unit(content)).sqrt()
+            steady = (ball(supply(content, u_sup)) / _unit(content)).sqrt()
         return np.array([above(start * (-rate * arb(float(s))).exp() + steady) for s in t])
 
 
@@ -121,7 +121,7 @@ def is_in_region(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> bool:
         if not exact(low) + margin <= Fraction(float(v)) <= exact(high) - margin:
             return False
     with ctx.workprec(BITS):
-        return bool(lyapunov(content, x).hi <= _ball(exact(content["level"])))
+        return bool(lyapunov(content, x).hi <= ball(exact(content["level"])))
 
 
 def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
@@ -145,7 +145,8 @@ def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
     return total
 
 
-def _ball(number: Fraction) -> arb:
+def ball(number: Fraction) -> arb:
+    """Return an enclosure of a fraction."""
     return arb(fmpq(number.numerator, number.denominator))
 
 

@@ -17,6 +17,7 @@ import persid_check
 from persid._dyadics import value
 from persid._files import write_atomically
 from persid.certificates import bounds
+from persid.certificates import output_bounds as seen
 from persid.certificates.encoding import plain_model
 from persid.errors import ModelError, PersidError, RejectedError
 from persid.models.model import PersidskiiModel
@@ -102,8 +103,39 @@ class Certificate:
 
     @property
     def gain(self) -> float | None:
-        """The gain sqrt(gamma/(kappa p)) from sup|u - u*| to |x - x*|, rounded up; None for claims G and M."""
-        return bounds.above(bounds.gain(self.content)) if self.claim in ("E", "R") else None
+        """The gain sqrt(gamma/(kappa p)) from sup|u - u*| to |x - x*|, rounded up; None for claims G and M.
+
+        None where outputs are bounded, too: states that nobody measured have no unit; see `output_gains`.
+        """
+        return bounds.above(bounds.gain(self.content)) if self.claim in ("E", "R") and not self.outputs else None
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the outputs that are bounded, each in its own unit; none for a model of states alone."""
+        return seen.names(self.content)
+
+    @property
+    def output_gains(self) -> Float[ndarray, " l"] | None:
+        """The gain from sup|u - u*| to |y - y*| of every output, rounded up; None without outputs."""
+        return np.array([bounds.above(ball) for ball in seen.gains(self.content)]) if self.outputs else None
+
+    @property
+    def is_incremental(self) -> bool:
+        """Whether the bounds hold between any two solutions, so that every simulation forgets its start."""
+        return "incremental" in self.content
+
+    def output_bound(self, x0: Any, u_sup: float, t: Any) -> Float[ndarray, "N l"]:
+        """Return an upper bound of |y_i - y_i*| at times t (s), for every input with sup|u - u*| <= u_sup.
+
+        Raises:
+            PersidError: no outputs are bounded, x0 lies outside the certified region, or u_sup exceeds its input bound.
+            ModelError: x0, u_sup or t is no state, no size of an input, or no times from 0 on.
+        """
+        if not self.outputs:
+            raise PersidError("the certificate bounds no outputs; certify an OutputModel")
+        x0, t = self._start(x0), _times(t)
+        self._refuse_inputs(np.asarray(u_sup, float))
+        return seen.bound(self.content, x0, float(u_sup), t)
 
     @property
     def gains(self) -> Float[ndarray, " m"] | None:
@@ -111,7 +143,7 @@ class Certificate:
 
         All equal `gain` unless the certificate was made with gains="each". None for claims G and M.
         """
-        if self.claim not in ("E", "R"):
+        if self.claim not in ("E", "R") or self.outputs:
             return None
         found = bounds.gains(self.content, self.model.m + self.counts_b)
         return np.array([bounds.above(ball) for ball in found[: self.model.m]])
@@ -144,9 +176,17 @@ class Certificate:
             PersidError: the claim has no rate, x0 lies outside the certified region, or u_sup exceeds its input bound.
             ModelError: x0, u_sup or t is no state, no size of an input, or no times from 0 on.
         """
-        x0, t, u_sup = self._start(x0), np.atleast_1d(np.asarray(t, float)), np.asarray(u_sup, float)
-        if not (np.isfinite(u_sup).all() and (u_sup >= 0).all() and np.isfinite(t).all() and (t >= 0).all()):
-            raise ModelError(f"sup|u - u*| = {u_sup} and the times t must be finite and at least 0")
+        x0, t, u_sup = self._start(x0), _times(t), np.asarray(u_sup, float)
+        self._refuse_inputs(u_sup)
+        if u_sup.ndim:
+            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self.counts_b], t)
+        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self.counts_b else float(u_sup)
+        return bounds.bound(self.content, x0, joint, t)
+
+    def _refuse_inputs(self, u_sup: ndarray) -> None:
+        """Refuse what is no size of the inputs, or one that the certificate does not admit."""
+        if not (np.isfinite(u_sup).all() and (u_sup >= 0).all()):
+            raise ModelError(f"sup|u - u*| = {u_sup} must be finite and at least 0")
         if u_sup.shape not in ((), (self.model.m,)):
             raise ModelError(
                 f"u_sup has shape {u_sup.shape}; needed is a number, or one for each of {self.model.m} inputs"
@@ -155,10 +195,6 @@ class Certificate:
             raise PersidError(
                 f"sup|u - u*| = {u_sup.tolist()} exceeds what the certificate admits: {self.input_bound:g} for |u - u*|"
             )
-        if u_sup.ndim:
-            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self.counts_b], t)
-        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self.counts_b else float(u_sup)
-        return bounds.bound(self.content, x0, joint, t)
 
     @property
     def counts_b(self) -> bool:
@@ -218,3 +254,10 @@ def rejected(answer: Result) -> RejectedError:
         else f"{answer.where}: {answer.why}"
     )
     return RejectedError(f"the checker does not accept it: {why}")
+
+
+def _times(t: Any) -> Float[ndarray, " N"]:
+    times = np.atleast_1d(np.asarray(t, float))
+    if not (np.isfinite(times).all() and (times >= 0).all()):
+        raise ModelError(f"the times t = {t} must be finite and at least 0")
+    return times

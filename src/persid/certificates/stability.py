@@ -10,7 +10,7 @@ from persid._dyadics import _floor, dyadic, dyadics, rounded
 from persid.certificates.encoding import FORMAT, encode, factor
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
-from persid.lyapunov.sectors import Group
+from persid.lyapunov.sectors import Group, nondecreasing_pool
 from persid.lyapunov.system import System
 from persid.models.model import PersidskiiModel
 from persid_check import canonical_model
@@ -44,6 +44,8 @@ def write(
     }
     if rate:
         content |= {"kappa": dyadic(lyapunov.kappa), "p": dyadic(p)}
+    if claim == "E" and _is_incremental(lyapunov):
+        content["incremental"] = True
     if box is not None:
         here = OperatingPoint(model.x_ref, 0.0, model.u_ref) if point is None else point
         level = _floor(float((here.reach(box) ** 2 / np.diag(np.linalg.inv(below))).min()))
@@ -51,6 +53,15 @@ def write(
         content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
     content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
     return encode(content)
+
+
+def _is_incremental(lyapunov: Lyapunov) -> bool:
+    """Whether V has no integrals and uses forms that were made to be nondecreasing: it holds for any two solutions."""
+    parts = zip(lyapunov.system.groups, lyapunov.chosen, strict=True)
+    return all(
+        not part.mu.any() and all(tuple(form.tolist()) in nondecreasing_pool(group.curve) for form in part.forms)
+        for group, part in parts
+    )
 
 
 def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, Any]:

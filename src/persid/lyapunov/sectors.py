@@ -246,7 +246,9 @@ def nondecreasing_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
     They are sector forms under every shift, and their integral is at most y l'phi(y).
     """
     exact = slope_forms(curve)
-    if curve.domain is None and curve.size == 2 and len(exact) == 2:  # these two are all the facets that the curve of a single function has
+    if (
+        curve.domain is None and curve.size == 2 and len(exact) == 2
+    ):  # these two are all the facets that the curve of a single function has
         return exact
     return tuple(dict.fromkeys([*exact, *_relaxed_facets(curve, POOL_SIZE // 3, slopes=True)]))
 
@@ -266,6 +268,11 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
             ):
                 found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
     return tuple(found)
+
+
+def steepest(text: str) -> float:
+    """Return what seems to be the Lipschitz constant of a function; infinite where there is none."""
+    return max(abs(slope) for slope in _slopes(text))
 
 
 @lru_cache(maxsize=512)

@@ -19,9 +19,10 @@ from persid._files import write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories, Trajectory
 from persid.models.arguments import distinct_names, finite_array, unknown_fields
-from persid.models.functions import ScalarFunction, scalar_function
+from persid.models.functions import ScalarFunction, scalar_function, shifted
 from persid.models.model import Input, PersidskiiModel
 from persid.models.output_equation import OutputEquation
+from persid.models.stable_fit import StableFit
 
 FORMAT = "persid-output-model-1"
 _FIELDS = (
@@ -120,6 +121,17 @@ class OutputModel:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_fit(cls, fit: StableFit, provenance: Mapping[str, Any] | None = None) -> "OutputModel":
+        """Return the model of a fit to inputs and outputs: each neuron is a term, its shift inside its function."""
+        rows = enumerate(fit.beta)
+        terms = [(shifted(fit.activation, float(by)), fit.R[c : c + 1], fit.A1[:, c : c + 1]) for c, by in rows]
+        latent = PersidskiiModel(fit.A, terms, fit.B, fit.b, u_ref=fit.u_ref, inputs=fit.inputs or None)
+        known: dict[str, Any] = {"noise": fit.noise, "x_mean": fit.x_mean, "x_cov": fit.x_cov, "hold": fit.hold}
+        h = None if fit.output_map is None else f"{fit.output_map}(x)"
+        names = fit.outputs or None
+        return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=names, provenance=provenance, **known)
 
     def __repr__(self) -> str:
         n, m, k = self.dynamics.n, self.dynamics.m, len(self.outputs)

@@ -17,6 +17,9 @@ class StableFit:
     A, A1, B, b are in 1/s (B per unit of u); C, D, d in the units of y (per unit of u for D). h is the output map,
     None or "abs". x0 holds the state at the first sample of every record that was fitted.
 
+    x_mean and x_cov are mean and covariance of the states along the fitted runs, noise the root-mean-square residual of
+    each output there: what is known of a new record's first state before its first outputs are seen.
+
     M >= 0 (no unit) and T > 0 (1/s), one per neuron, and kappa >= 0 (1/s) prove stability: about any equilibrium x*,
     with z = x - x*, w = f(R x + beta) - f(R x* + beta) and G = [A A1],
 
@@ -37,6 +40,9 @@ class StableFit:
     d: Float[ndarray, " l"]
     u_ref: Float[ndarray, " m"]
     x0: Float[ndarray, "records n"]
+    x_mean: Float[ndarray, " n"]
+    x_cov: Float[ndarray, "n n"]
+    noise: Float[ndarray, " l"]
     dt: float
     activation: str = "tanh"
     output_map: str | None = None

@@ -9,12 +9,14 @@ from numpy import ndarray
 
 from persid._threads import few_threads
 from persid.certificates.certificate import Certificate
+from persid.certificates.outputs import refuse_steep_maps, with_outputs
 from persid.certificates.witness import find_witness
 from persid.errors import ModelError
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
 from persid.lyapunov.shifted_model import Setting, undefined
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network, is_large
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
@@ -27,7 +29,7 @@ FULL_P_STATES = 50  # a full P is tried up to this many states
 
 
 def certify(
-    model: PersidskiiModel,
+    model: PersidskiiModel | OutputModel,
     *,
     operating_point: Any = "auto",
     u_op: Any = None,
@@ -42,7 +44,8 @@ def certify(
     these leave a model undecided that has a box of data, a region inside that box is certified.
 
     Args:
-        model: the model; the verdict is about it, not about the plant.
+        model: the model; the verdict is about it, not about the plant. The certificate of an OutputModel bounds every
+            output in its own unit, in place of the states: certificate.output_gains and output_bound.
         operating_point: "auto" (the equilibrium nearest to x_ref) or a state; the equilibrium nearest to it is meant.
         u_op: the nominal constant input, (m,), default u_ref.
         domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
@@ -56,7 +59,7 @@ def certify(
         Ctrl-C the best that was reached: a certificate without a rate, or Undecided.
 
     Raises:
-        ModelError: an argument does not fit the model.
+        ModelError: an argument does not fit the model, or an output map has no Lipschitz constant.
 
     Examples:
         >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
@@ -64,6 +67,10 @@ def certify(
         >>> verdict.is_certified, verdict.certificate.claim
         (True, 'E')
     """
+    if isinstance(model, OutputModel):
+        refuse_steep_maps(model)
+        asked = {"operating_point": operating_point, "u_op": u_op, "domain": domain, "gains": gains}
+        return with_bounds(certify(model.dynamics, time_limit=time_limit, progress=progress, **asked), model)
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
@@ -81,6 +88,13 @@ def certify(
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
+
+
+def with_bounds(verdict: Verdict, model: OutputModel) -> Verdict:
+    """Return a verdict on the dynamics as one on the outputs: its certificate, if it has a rate, bounds them."""
+    if not (isinstance(verdict, Certified) and isinstance(verdict.certificate, Certificate)):
+        return verdict
+    return replace(verdict, certificate=with_outputs(verdict.certificate, model))
 
 
 @dataclass(frozen=True, eq=False)

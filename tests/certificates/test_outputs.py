@@ -1,0 +1,302 @@
+"""Bounds of outputs, and of any two solutions: true ones hold in simulations, forged ones are refused."""
+
+import copy
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import persid as ps
+from checker.maker import factor, file, model
+from persid.certificates.certificate import Certificate
+from persid.errors import ModelError, PersidError
+from persid.verdicts.outputs import certify_fit
+from persid_check import Accepted, Malformed, Rejected, check
+from persid_check.model import sha256_of
+from persid_check.outputs import FIELDS
+from stable_fits import random_fit
+
+Content = dict[str, Any]
+
+
+def certified(seed: int = 0, **how: Any) -> tuple[ps.OutputModel, Certificate]:
+    """A model of known truth and its certificate, from its own multipliers."""
+    fit = random_fit(seed, **how)
+    found = ps.OutputModel.from_fit(fit)
+    verdict = certify_fit(fit, found, time_limit=0.0)
+    assert isinstance(verdict, ps.Certified)
+    assert isinstance(verdict.certificate, Certificate)
+    return found, verdict.certificate
+
+
+TWO = {"outputs": 2, "output_map": "abs"}
+
+
+@pytest.fixture(scope="module")
+def with_density() -> tuple[ps.OutputModel, Certificate]:
+    """Two outputs behind |.|, V with integrals."""
+    return certified(0, **TWO)
+
+
+@pytest.fixture(scope="module")
+def without_density() -> tuple[ps.OutputModel, Certificate]:
+    """Two outputs behind |.|, V without integrals."""
+    return certified(1, densities=False, **TWO)
+
+
+def rehashed(content: Content) -> Content:
+    """The same with the hash of what the outputs have become."""
+    form = {name: content["outputs"][name] for name in FIELDS}
+    whole = {"format": "persid-output-model-1", "dynamics": content["model"], **form}
+    content["outputs"]["sha256"] = sha256_of(whole)
+    return content
+
+
+def _one_bit_less(content: Content, name: str = "constants") -> None:
+    mantissa, exponent = content["outputs"][name][0]
+    content["outputs"][name][0] = [mantissa - 1, exponent] if mantissa > 1 else [2**52 - 1, exponent - 52]
+
+
+def _scale_C(content: Content, factor: float) -> None:
+    row = content["outputs"]["C"][0]
+    content["outputs"]["C"][0] = [(factor * float.fromhex(v)).hex() for v in row]
+
+
+def _swap(content: Content) -> None:
+    content["outputs"]["outputs"].reverse()
+
+
+def _no_D(content: Content) -> None:
+    content["outputs"]["D"] = [[(0.0).hex()] * len(row) for row in content["outputs"]["D"]]
+
+
+def _field(name: str, value: Any) -> Callable[[Content], None]:
+    def change(content: Content) -> None:
+        content["outputs"][name] = value(content["outputs"][name]) if callable(value) else value
+
+    return change
+
+
+REFUSED: dict[str, Callable[[Content], Any]] = {
+    "c one bit too small": _one_bit_less,
+    "Lipschitz constant one bit too small": lambda c: _one_bit_less(c, "lipschitz"),
+    "C altered": lambda c: _scale_C(c, 0.5),
+    "C larger, hash and all": lambda c: (_scale_C(c, 2.0), rehashed(c)),
+    "names swapped": _swap,
+    "D left out": _no_D,
+    "another offset": _field("d", [(0.0).hex()] * 2),
+    "the map left out": lambda c: c["outputs"].update(output_map=None, lipschitz=None),
+    "a steeper map, hash and all": lambda c: (_field("output_map", ["abs(x)", "3*abs(x)"])(c), rehashed(c)),
+    "a map without any constant": lambda c: (_field("output_map", ["abs(x)", "x**3"])(c), rehashed(c)),
+    "a negative c": _field("constants", [[-1, 0], [-1, 0]]),
+    "constants of the other output": _field("constants", lambda both: [both[0], [1, -40]]),
+    "another hash": _field("sha256", "0" * 64),
+}  # fmt: skip
+MALFORMED: dict[str, Callable[[Content], Any]] = {
+    "a row of C too long": _field("C", lambda rows: [[*rows[0], (0.0).hex()], rows[1]]),
+    "a row of D too short": _field("D", [[], []]),
+    "one constant for two outputs": _field("constants", lambda both: both[:1]),
+    "a decimal number": _field("d", ["0.5", "0.5"]),
+    "one map for two outputs": _field("output_map", ["abs(x)"]),
+    "an unknown map": _field("output_map", ["abs(x)", "wobble(x)"]),
+    "no Lipschitz constants": _field("lipschitz", None),
+    "the same name twice": _field("outputs", ["y", "y"]),
+    "no outputs": lambda c: c["outputs"].update(
+        outputs=[], C=[], D=[], d=[], output_map=[], constants=[], lipschitz=[]
+    ),
+    "another field": lambda c: c["outputs"].update(unit="V"),
+    "a field less": lambda c: c["outputs"].pop("lipschitz"),
+    "no object": lambda c: c.update(outputs=[]),
+    "a claim without a rate": lambda c: c.update(claim="G"),
+    "incremental, but false": lambda c: c.update(incremental=False),
+}
+
+
+@pytest.mark.parametrize("name", [*REFUSED, *MALFORMED])
+def test_a_forged_bound_is_refused(with_density: tuple[ps.OutputModel, Certificate], name: str) -> None:
+    """A bound that is not proved, or speaks of other outputs than it says, is refused."""
+    content = copy.deepcopy(with_density[1].content)
+    (REFUSED | MALFORMED)[name](content)
+    answer = check(json.dumps(content).encode())
+    assert isinstance(answer, Rejected if name in REFUSED else Malformed), answer
+    assert "outputs" in answer.where or name in ("a claim without a rate", "incremental, but false")
+
+
+@pytest.mark.parametrize(
+    "change", [lambda c: _scale_C(c, 0.5), _swap, _no_D], ids=["C smaller", "names swapped", "no D"]
+)
+def test_true_bounds_of_other_outputs_are_not_those_of_the_model(
+    with_density: tuple[ps.OutputModel, Certificate], change: Callable[[Content], None]
+) -> None:
+    """A file that is true of other outputs is refused for the model at hand, and accepted for its own."""
+    found, certificate = with_density
+    content = copy.deepcopy(certificate.content)
+    change(content)
+    content["outputs"]["constants"] = [[1, 20], [1, 20]]
+    answer = check(json.dumps(rehashed(content)).encode())
+    assert isinstance(answer, Accepted)
+    given = json.dumps(found.to_dict()).encode()
+    assert isinstance(check(json.dumps(content).encode(), given), Rejected)
+    assert isinstance(check(certificate.data, given), Accepted)
+    assert isinstance(check(certificate.data, json.dumps(found.dynamics.to_dict()).encode()), Accepted)
+
+
+def test_what_no_claim_speaks_of_may_change(with_density: tuple[ps.OutputModel, Certificate]) -> None:
+    """Noise, spread and provenance are not part of what is certified; a broken model file is malformed."""
+    found, certificate = with_density
+    given = found.to_dict() | {"noise": None, "provenance": {"by": "hand"}, "hold": "foh"}
+    assert isinstance(check(certificate.data, json.dumps(given).encode()), Accepted)
+    for broken in ({"dynamics": 3}, {"C": [[1.0]]}, {"more": 1}):
+        assert isinstance(check(certificate.data, json.dumps(given | broken).encode()), Malformed)
+    given.pop("dynamics")
+    assert isinstance(check(certificate.data, json.dumps(given).encode()), Malformed)
+
+
+def test_integrals_say_nothing_about_two_solutions(with_density: tuple[ps.OutputModel, Certificate]) -> None:
+    """ "incremental" is refused where V holds an integral, and the sentence is not there."""
+    certificate = with_density[1]
+    assert not certificate.is_incremental
+    assert "any two solutions" not in certificate.statement
+    answer = check(json.dumps(certificate.content | {"incremental": True}).encode())
+    assert isinstance(answer, Rejected)
+    assert answer.where == "incremental"
+
+
+def bumpy(**more: Any) -> Content:
+    """x' = -x - f(x) + u, f = 2x + sin 3x, V = x^2: f (5y - f) >= 0, and f is not monotone."""
+    block = np.array([[1.0, 0.0, -1.0], [0.0, 0.5, 0.0], [-1.0, 0.0, 2.0]])
+    forms = [[[0, 0], [1, 0]], [[5, 0], [-1, 0]]]
+    group = {"forms": forms, "mu": [[0, 0]] * 2, "products": [[0, 1, [1, -2]]], "integral": [None, None]}
+    found = file(
+        model([("2*x + sin(3*x)", None, [[-1.25]])], [[-1]]), "E", operating_point=None, P={"diagonal": [[1, 0]]},
+        groups=[group], dropped=[], gamma=[2, 0], kappa=[1, 0], p=[1, -1], proof={"P": [[1]], "Q": factor(block)},
+    )  # fmt: skip
+    return found | more
+
+
+def test_forms_that_fall_say_nothing_about_two_solutions() -> None:
+    """A sector form that is not monotone proves stability, and is refused for any two solutions."""
+    assert isinstance(check(json.dumps(bumpy()).encode()), Accepted)
+    answer = check(json.dumps(bumpy(incremental=True)).encode())
+    assert isinstance(answer, Rejected)
+    assert answer.where == "incremental"
+
+
+def test_only_a_global_rate_speaks_of_two_solutions(without_density: tuple[ps.OutputModel, Certificate]) -> None:
+    """Other claims have no such field."""
+    content = {name: value for name, value in without_density[1].content.items() if name not in ("kappa", "p")}
+    answer = check(json.dumps(content | {"claim": "G", "incremental": True}).encode())
+    assert isinstance(answer, Malformed)
+
+
+def test_a_constant_needs_an_operating_point() -> None:
+    """Where b counts as one more input the outputs have no point to be bounded about."""
+    dynamics = model([], [[-1]], b=[1.0])
+    block = {"outputs": ["y"], "C": [[(1.0).hex()]], "D": [[(0.0).hex()]], "d": [(0.0).hex()], "output_map": None}
+    block |= {"sha256": "", "constants": [[1, 0]], "lipschitz": None}
+    Q = np.array([[1.0, -1.0, -1.0], [-1.0, 4.0, 0.0], [-1.0, 0.0, 4.0]])
+    found = file(
+        dynamics, "E", operating_point=None, P={"diagonal": [[1, 0]]}, groups=[], dropped=[], gamma=[4, 0],
+        kappa=[1, 0], p=[1, -1], proof={"P": [[1]], "Q": factor(Q)},
+    )  # fmt: skip
+    assert isinstance(check(json.dumps(found).encode()), Accepted)
+    answer = check(json.dumps(rehashed(found | {"outputs": block})).encode())
+    assert isinstance(answer, Rejected)
+    assert "operating point" in answer.why
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_simulations_keep_to_the_bound(seed: int) -> None:
+    """Whatever the start and the inputs, |y - y*| never exceeds the bound; and what is stated is near the floats."""
+    how: dict[str, Any] = {"n": 2 + seed % 3, "q": seed % 4, "outputs": 1 + seed % 2, "m": 1 + seed % 2}
+    found, certificate = certified(seed, output_map="abs" if seed % 3 == 0 else None, **how)
+    rng, t = np.random.default_rng(seed), np.arange(400) * 0.1
+    star, u_star = certificate.operating_point, found.dynamics.u_ref
+    y_star = found.output(star, u_star)
+    for size in (0.0, 1.0, 30.0):
+        for x0 in (star, star + 3 * rng.normal(size=found.dynamics.n)):
+            v = (
+                rng.normal(size=(len(t), found.dynamics.m))
+                if size < 2
+                else np.sign(rng.normal(size=(len(t), how["m"])))
+            )
+            v = size * v / max(np.linalg.norm(v, axis=1).max(), 1e-9)
+            y = found.simulate(t, u_star + v, x0=x0)[0].x
+            bound = certificate.output_bound(x0, size, t)
+            assert (np.abs(y - y_star) <= bound + 1e-6 * (1 + np.abs(y))).all()
+    c = [1.0 * m * 2.0**e for m, e in certificate.content["outputs"]["constants"]]
+    assert np.allclose(c, np.einsum("li,ij,lj->l", found.C, np.linalg.inv(certificate.P), found.C), rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_any_two_simulations_keep_to_the_bound(seed: int) -> None:
+    """Where the checker says so, two runs with different starts and inputs stay within the bound of each other."""
+    found, certificate = certified(seed, densities=False, outputs=2, n=3)
+    assert certificate.is_incremental
+    assert "between any two solutions" in certificate.statement
+    rng, t = np.random.default_rng(seed), np.arange(300) * 0.1
+    starts, u = 5 * rng.normal(size=(2, 3)), 3 * rng.normal(size=(2, len(t), 1))
+    a, b = (found.simulate(t, u[k], x0=starts[k])[0].x for k in (0, 1))
+    apart = certificate.operating_point + starts[0] - starts[1]  # V of a difference is d'Pd
+    bound = certificate.output_bound(apart, float(np.abs(u[0] - u[1]).max()), t)
+    assert (np.abs(a - b) <= bound + 1e-6).all()
+
+
+def test_the_latent_gain_is_not_shown(with_density: tuple[ps.OutputModel, Certificate]) -> None:
+    """The certificate of an output model speaks of its outputs, in their unit, and of no gain of its states."""
+    certificate = with_density[1]
+    assert certificate.gain is None
+    assert certificate.gains is None
+    assert "|x(t) - x*|" not in certificate.statement
+    assert certificate.outputs == ("y1", "y2")
+    assert certificate.output_gains is not None
+    assert f"{certificate.output_gains[0]:.3g}"[:3] in certificate.statement
+
+
+def test_the_unit_of_an_output_scales_its_bound_alone() -> None:
+    """An output in millivolts has a thousand times the gain, whatever the coordinates of the states."""
+    found, certificate = certified(2)
+    T = np.diag([1000.0, 0.01])
+    latent = found.dynamics
+    terms = [(list(term.f), term.R @ np.linalg.inv(T), T @ term.A) for term in latent.terms]
+    moved = ps.PersidskiiModel(T @ latent.A0 @ np.linalg.inv(T), terms, T @ latent.B, T @ latent.b, u_ref=latent.u_ref)
+    other = ps.OutputModel(moved, 1000 * found.C @ np.linalg.inv(T), 1000 * found.D, 1000 * found.d)
+    verdicts = [ps.certify(each) for each in (found, other)]
+    gains = [v.certificate.output_gains[0] for v in verdicts if isinstance(v, ps.Certified)]
+    assert len(gains) == 2
+    assert 0.3 < gains[1] / gains[0] / 1000 < 3  # the searches differ; the claim does not depend on coordinates
+    assert certificate.output_gains is not None
+
+
+def test_outputs_of_a_state_model_in_a_region() -> None:
+    """A regional claim bounds outputs, too, of a model whose states are measured."""
+    pendulum = ps.PersidskiiModel([[0, 1], [0, -0.5]], [("sin(x)", [[1, 0]], [[0], [-1]])], [[0], [1]])
+    height = ps.OutputModel(pendulum, [[1.0, 0.0]], outputs=["angle"])
+    verdict = ps.certify(height, domain=[[-1.5, 1.5], [-2, 2]])
+    assert isinstance(verdict, ps.Certified)
+    certificate = verdict.certificate
+    assert isinstance(certificate, Certificate)
+    t = np.arange(200) * 0.1
+    u = certificate.input_bound
+    assert u is not None
+    y = height.simulate(t, np.sign(np.sin(t))[:, None] * u, x0=[0.01, 0.0])[0].x
+    assert (np.abs(y) <= certificate.output_bound([0.01, 0.0], u, t)).all()
+    with pytest.raises(PersidError, match="exceeds what the certificate admits"):
+        certificate.output_bound([0.01, 0.0], 2 * u, t)
+
+
+def test_a_map_without_a_constant_is_refused_at_once() -> None:
+    """No bound of the state bounds a square of it."""
+    with pytest.raises(ModelError, match="no Lipschitz constant"):
+        ps.certify(ps.OutputModel(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), [[1.0]], output_map="x**2"))
+
+
+def test_states_alone_have_no_bound_of_outputs() -> None:
+    """A certificate of states says which model has bounds of outputs."""
+    verdict = ps.certify(ps.PersidskiiModel([[-1.0]], [], [[1.0]]))
+    assert isinstance(verdict, ps.Certified)
+    assert isinstance(verdict.certificate, Certificate)
+    with pytest.raises(PersidError, match="certify an OutputModel"):
+        verdict.certificate.output_bound([1.0], 1.0, [0.0])

@@ -1,0 +1,84 @@
+"""Verdicts on fits to inputs and outputs: the fit's own multipliers prove it, and a search may better its gains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.certificates.certificate import Certificate
+from persid.models.stable_fit import StableFit
+from persid.verdicts.outputs import certify_fit
+from stable_fits import random_fit
+
+
+def decided(fit: StableFit, time_limit: float = 0.0, min_rate: float | None = None) -> Certificate:
+    """The certificate of a fit."""
+    verdict = certify_fit(fit, ps.OutputModel.from_fit(fit), time_limit=time_limit, min_rate=min_rate)
+    assert isinstance(verdict, ps.Certified), verdict
+    assert isinstance(verdict.certificate, Certificate)
+    return verdict.certificate
+
+
+@pytest.mark.parametrize("activation", ["tanh", "softsign", "arctan"])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_multipliers_of_a_fit_are_a_proof(seed: int, activation: str) -> None:
+    """Every fit of the parametrisation is certified without any search, P = I and all."""
+    fit = random_fit(seed, n=1 + seed, q=seed, activation=activation, kappa=0.1 * (seed % 2))
+    certificate = decided(fit)
+    assert certificate.claim == "E"
+    assert np.array_equal(certificate.P, np.eye(1 + seed))
+    assert certificate.rate is not None
+    assert certificate.rate > 0
+
+
+def test_a_search_may_better_the_gains() -> None:
+    """With time left the certificate with the smaller gain of the output is kept."""
+    fit = random_fit(2)
+    own, searched = decided(fit), decided(fit, time_limit=30.0)
+    assert own.output_gains is not None
+    assert searched.output_gains is not None
+    assert searched.output_gains[0] <= own.output_gains[0]
+
+
+def test_a_rate_may_be_asked_for() -> None:
+    """A rate that the multipliers allow is kept to, at the price of the gain."""
+    fit = random_fit(6)
+    usual, fastest = decided(fit), decided(fit, min_rate=np.inf).rate
+    assert usual.rate is not None
+    assert fastest is not None
+    assert fastest > usual.rate
+    wanted = 0.9 * fastest + 0.1 * usual.rate
+    fast = decided(fit, min_rate=wanted)
+    assert fast.rate is not None
+    assert fast.rate >= wanted
+    assert usual.output_gains is not None
+    assert fast.output_gains is not None
+    assert fast.output_gains[0] >= usual.output_gains[0]
+
+
+def test_wrong_multipliers_prove_nothing() -> None:
+    """Multipliers with which the inequality fails are no certificate; then the search alone decides."""
+    fit = random_fit(1)
+    assert fit.T is not None
+    broken = replace(fit, T=-fit.T)
+    model = ps.OutputModel.from_fit(broken)
+    assert not certify_fit(broken, model, time_limit=0.0).is_certified
+    verdict = certify_fit(broken, model, time_limit=30.0)
+    assert verdict.is_certified
+    assert verdict.attempts[0].outcome == "no certificate"
+
+
+def test_a_free_fit_is_decided_by_the_search() -> None:
+    """Without multipliers the model is certified, or refuted, as any other."""
+    fit = replace(random_fit(3), M=None, T=None)
+    assert certify_fit(fit, ps.OutputModel.from_fit(fit)).is_certified
+    unstable = replace(fit, A=fit.A + 100 * np.eye(2))
+    assert isinstance(certify_fit(unstable, ps.OutputModel.from_fit(unstable)), ps.Refuted)
+
+
+def test_a_fit_without_inputs_or_neurons_is_certified() -> None:
+    """m = 0 and q = 0 occur."""
+    for how in ({"m": 0}, {"q": 0}, {"m": 0, "q": 0}):
+        certificate = decided(random_fit(5, **how))
+        assert certificate.output_gains is not None
