@@ -43,7 +43,7 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
             claim = _read(plain, _folder(source), arrays)
             more = NOTHING if isinstance(claim, Networked) else read_conclusions(optional, claim.subject)
             _same_model(claim, more, None if other is None else json_text.read(other, floats=True), _folder(model))
-            with limited(_allowance(claim)):
+            with limited(_allowance(claim, len(data))):
                 statement, steps = _prove(claim, more)
     except FormatError as error:
         return Malformed(error.where, error.why)
@@ -84,8 +84,8 @@ def _same_model(claim: Claimed | Networked, more: Conclusions, other: Any, folde
         raise NotProvedError("model", "the certificate speaks of another model")
 
 
-def _allowance(claim: Claimed | Networked) -> int:
-    return allowance(len(claim.kinds if isinstance(claim, Networked) else claim.subject.groups))
+def _allowance(claim: Claimed | Networked, size: int) -> int:
+    return allowance(len(claim.kinds if isinstance(claim, Networked) else claim.subject.groups), size)
 
 
 def _prove(claim: Claimed | Networked, more: Conclusions) -> tuple[str, tuple[str, ...]]:

@@ -10,7 +10,7 @@ from persid_check import output_sentences, sentences
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, blocks, diagonal, is_positive_definite
 from persid_check.format import GroupProof, Stability
-from persid_check.inequality import Inequality, assemble, density, gamma_matrix, quadratic_form
+from persid_check.inequality import Inequality, assemble, density, gamma_matrix, input_columns, quadratic_form
 from persid_check.model import Group
 from persid_check.outputs import NOTHING, Conclusions, prove_incremental, prove_outputs
 from persid_check.prover import (
@@ -46,6 +46,7 @@ class Setting:
 def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> tuple[str, tuple[str, ...]]:
     """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
     _signs(claim)
+    _sizes(claim)
     _equilibrium(claim)
     settings = [_setting(claim, g) for g in range(len(claim.groups))]
     for setting in settings:
@@ -69,6 +70,15 @@ def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> tuple[str,
         statement = f"{statement} {output_sentences.between(more)}"
     steps = sentences.stability_steps(claim, settings, kept, everywhere, output_sentences.steps(more))
     return statement, steps
+
+
+def _sizes(claim: Stability) -> None:
+    """The factors have the sizes of their matrices: so nothing is assembled that the file does not pay for in bytes."""
+    n, entries = claim.subject.model.n, claim.subject.model.n + len(claim.subject.model.channels)
+    states = n - sum(1 for entry in claim.dropped if entry < n)
+    for name, size in (("P", states), ("Q", entries - len(claim.dropped) + input_columns(claim).width)):
+        if len(claim.proof[name]) != size:
+            raise NotProvedError(f"proof.{name}", f"{size} rows are needed, one for each row of its matrix")
 
 
 def _signs(claim: Stability) -> None:

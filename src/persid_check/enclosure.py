@@ -13,6 +13,7 @@ from flint import arb, fmpq
 
 from persid_check.expression import Program
 
+FAR = arb(2) ** 128  # beyond it sine and cosine are any number from -1 to 1, and the tangent is not defined
 PRECISION = 192  # bits of ball arithmetic; every bound is rounded outwards, so this decides sharpness, not truth
 
 
@@ -206,8 +207,16 @@ def _abs(v: Interval) -> Interval:
     return -v if v.hi <= 0 else Interval(_ZERO, -_least([v.lo, -v.hi]))
 
 
-def _wave(v: Interval, f: Callable[[arb], arb], slope: arb) -> Interval:
+def is_far(v: arb) -> bool:
+    """Whether an argument of a wave is so large that to reduce it would take long, and tell nothing."""
+    return not abs(v) < FAR
+
+
+def _wave(v: Interval, f: Callable[[arb], arb], derivative: Callable[[arb], arb]) -> Interval:
     """Sine or cosine: monotone where the other has one sign, else the ball's range, cut to [-1, 1]."""
+    if is_far(v.lo) or is_far(v.hi):
+        return Interval(-_ONE, _ONE)
+    slope = derivative(v.ball())
     if slope > 0:
         return Interval(f(v.lo).lower(), f(v.hi).upper())
     if slope < 0:
@@ -219,6 +228,8 @@ def _wave(v: Interval, f: Callable[[arb], arb], slope: arb) -> Interval:
 
 def _tan(v: Interval) -> Interval:
     """Tangent: without a zero of the cosine inside, it is continuous and increasing."""
+    if is_far(v.lo) or is_far(v.hi):
+        raise UndefinedError("a tangent too far out")
     cosine = v.ball().cos()
     if not (cosine > 0 or cosine < 0):
         raise UndefinedError("a pole of the tangent")
@@ -232,8 +243,8 @@ def _cosh(v: Interval) -> Interval:
 
 _OTHERS: dict[str, Callable[[Interval], Interval]] = {
     "abs": _abs,
-    "sin": lambda v: _wave(v, arb.sin, v.ball().cos()),
-    "cos": lambda v: _wave(v, arb.cos, -v.ball().sin()),
+    "sin": lambda v: _wave(v, arb.sin, arb.cos),
+    "cos": lambda v: _wave(v, arb.cos, lambda ball: -ball.sin()),
     "tan": _tan,
     "cosh": _cosh,
 }

@@ -6,10 +6,22 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx
 
-from persid_check.enclosure import PRECISION, Interval, UndefinedError, between, constant, value, value_and_slope
+from persid_check.enclosure import (
+    PRECISION,
+    Interval,
+    UndefinedError,
+    between,
+    constant,
+    enclose,
+    value,
+    value_and_slope,
+)
+from persid_check.expression import work_of
 from persid_check.model import Model, read_model
+from persid_check.work import spend
 
 RADII = tuple(Fraction(1, 2**k) for k in (48, 40, 32, 24, 16, 10))  # tried in this order, times the size of x
+PRODUCTS = 16  # of balls in a product of matrices, that a step counts for
 
 Vector = Sequence[Fraction]
 
@@ -46,6 +58,7 @@ def has_unique_equilibrium(model: Model, x: Vector, radius: Fraction, u: Vector)
 def _contracts(F: Sequence[Interval], J: Sequence[Sequence[Interval]], radius: Fraction) -> bool:
     """-Y F(x) + (I - Y J) [-r, r] lies in the interior of [-r, r], for some Y (the inverse of the middle of J)."""
     n = len(F)
+    spend(n**3 // PRODUCTS)
     middle = arb_mat(n, n, [entry.ball().mid() for row in J for entry in row])
     Y = arb_mat(n, n, [entry.mid() for entry in middle.inv().entries()])
     rest = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)]) - Y * arb_mat(
@@ -76,6 +89,7 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
         for b, v in zip(model.B[i], inputs, strict=True):
             total[i] = total[i] + constant(Fraction(b)) * v if b else total[i]
     for channel in model.channels:
+        spend(work_of(channel.program) + len(channel.row))
         f = value(channel.program, argument(channel.row, offset))
         for i, weight in enumerate(channel.column):
             total[i] = total[i] + constant(Fraction(weight)) * f if weight else total[i]
@@ -85,14 +99,17 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
 def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:
     """Return an enclosure of dF/dx over a box (at kinks, of all limits of the derivative)."""
     offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
-    J = [[constant(a) for a in row] for row in model.A0]
-    for channel in model.channels:
+    n, size = model.n, len(model.channels)
+    spend(n * n * size // PRODUCTS)
+    slopes = arb_mat(size, n)
+    for c, channel in enumerate(model.channels):
         y = argument(channel.row, offset)
-        slope = value_and_slope(channel.program, y, constant(Fraction(1)))[1]
-        for i, a in enumerate(channel.column):
-            for j, r in channel.row.items() if a else ():
-                J[i][j] = J[i][j] + constant(Fraction(a) * r) * slope
-    return J
+        slope = value_and_slope(channel.program, y, constant(Fraction(1)))[1].ball()
+        for j, r in channel.row.items():
+            slopes[c, j] = constant(r).ball() * slope
+    columns = arb_mat(n, size, [channel.column[i] for i in range(n) for channel in model.channels])
+    J = arb_mat(n, n, [constant(a).ball() for row in model.A0 for a in row]) + columns * slopes
+    return [[enclose(J[i, j]) for j in range(n)] for i in range(n)]
 
 
 def argument(row: Mapping[int, Fraction], offset: Sequence[Interval]) -> Interval:

@@ -62,8 +62,7 @@ class Matrix:
 
     def kept(self, rows: Sequence[int], columns: Sequence[int]) -> "Matrix":
         """Return the submatrix of some rows and columns."""
-        table = self.entries.table()
-        flat = [table[i][j] for i in rows for j in columns]
+        flat = [self.entries[i, j] for i in rows for j in columns]
         return Matrix(fmpz_mat(len(rows), len(columns), flat), self.exponent)
 
     def entry(self, i: int, j: int) -> Fraction:

@@ -49,6 +49,11 @@ def parse(text: str) -> Program:
     return _Parser(text).run()
 
 
+def work_of(program: Program) -> int:
+    """Return the steps that one run of a program counts for: a function or a power takes as long as four sums."""
+    return sum(4 if step.name in FUNCTIONS or step.name == "**" else 1 for step in program)
+
+
 def is_linear(program: Program) -> bool:
     """Whether a program is that of f = x, however it is spelled: x, (x), +x."""
     return program == (Instruction("x"),)

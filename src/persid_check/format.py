@@ -10,6 +10,7 @@ from typing import Any
 
 from persid_check.model import Group, Model, canonical_model, groups_of, model_of
 from persid_check.results import FormatError
+from persid_check.sparse import is_sparse
 
 FORMAT = "persid-certificate-1"
 MAX_BITS = 2048  # of a mantissa
@@ -150,6 +151,8 @@ def read_certificate(data: Any) -> Claimed:
 def _subject(claim: str, data: Mapping[str, Any]) -> Subject:
     read_text("model_sha256", data["model_sha256"], 64)
     form = data["model"]
+    if is_sparse(form):
+        raise FormatError("model", "in this claim every matrix is written out, none given as an object")
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
     model = model_of(form)

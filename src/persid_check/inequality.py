@@ -136,31 +136,24 @@ def _pairs(proofs: Sequence[GroupProof], groups: Sequence[Group]) -> list[tuple[
     return list(zip(proofs, groups, strict=True))
 
 
-def symmetric_product(k: Sequence[Fraction], q: Sequence[Fraction]) -> Square:
-    """Return k l' + l k'."""
-    return [[a * d + b * c for c, d in zip(k, q, strict=True)] for a, b in zip(k, q, strict=True)]
-
-
-def _sum(squares: Sequence[tuple[Fraction, Square]], size: int) -> Square:
-    total = [[Fraction(0)] * size for _ in range(size)]
-    for factor, square in squares:
-        for line, other in zip(total, square, strict=True):
-            line[:] = [a + factor * b for a, b in zip(line, other, strict=True)]
-    return total
-
-
 def _products(proof: GroupProof, members: int) -> Square:
-    """S_g = sum tau (l_k l_l' + l_l l_k')."""
-    terms = [(tau, symmetric_product(proof.forms[k], proof.forms[q])) for k, q, tau in proof.products if tau]
-    return _sum(terms, 1 + members)
+    """S_g = sum tau (l_k l_l' + l_l l_k') = F'(T + T')F, with the forms as rows of F and T_kl = tau."""
+    taus: list[list[Number]] = [[0] * len(proof.forms) for _ in proof.forms]
+    for k, q, tau in proof.products:
+        taus[k][q] = taus[q][k] = tau
+    F = matrix(proof.forms, 1 + members)
+    S = F.T * matrix(taus, len(proof.forms)) * F
+    return [[S.entry(i, j) for j in range(S.width)] for i in range(S.height)]
 
 
 def _upper(proof: GroupProof, members: int) -> Square:
     """W_g = sum mu_k c_k (e_0 l_k' + l_k e_0'), from 2 mu_k times the integral <= 2 mu_k c_k y l_k'phi."""
-    axis = [Fraction(1), *[Fraction(0)] * members]
-    terms = [
-        (mu * c, symmetric_product(axis, form))
-        for mu, c, form in zip(proof.mu, proof.integral, proof.forms, strict=False)
-        if mu and c
-    ]
-    return _sum(terms, 1 + members)
+    total = [Fraction(0)] * (1 + members)
+    for mu, c, form in zip(proof.mu, proof.integral, proof.forms, strict=False):
+        if mu and c:
+            total = [a + mu * c * b for a, b in zip(total, form, strict=True)]
+    square = [[Fraction(0)] * (1 + members) for _ in total]
+    for j, value in enumerate(total):
+        square[0][j] += value
+        square[j][0] += value
+    return square

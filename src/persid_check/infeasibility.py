@@ -8,8 +8,9 @@ from fractions import Fraction
 
 from persid_check import sentences
 from persid_check.exact import Matrix, is_positive_definite, matrix
-from persid_check.format import Infeasibility
+from persid_check.format import GroupProof, Infeasibility
 from persid_check.inequality import flow_matrix
+from persid_check.model import Group
 from persid_check.prover import prove_continuous
 from persid_check.results import NotProvedError
 
@@ -41,39 +42,21 @@ def _lyapunov_matrix(claim: Infeasibility, GL: Matrix, states: Matrix) -> None:
 
 def _forms(claim: Infeasibility, GL: Matrix, L: Matrix) -> None:
     """mu of each form, tau of each pair of forms of a group, and of each pair (y, form)."""
-    rows, places = _rows(claim)
-    U = matrix(rows, L.height) * L
-    gram = (U * U.T).entries
-    flows = (_group_rows(claim) * GL * U.T).entries
-    for g, (first, size) in enumerate(places):
-        for k in range(first + 1, first + 1 + size):
-            where = f"groups[{g}].forms[{k - first - 1}]"
-            if not flows[g, k] > 0:
+    n = claim.subject.model.n
+    for g, (group, proof) in enumerate(zip(claim.subject.groups, claim.groups, strict=True)):
+        U = _rows(group, proof) * L.kept([*group.row, *(n + c for c, _ in group.members)], range(L.width))
+        row = matrix([[group.row.get(i, Fraction(0)) for i in range(n)]], n)
+        gram, flows = (U * U.T).entries, (row * GL * U.T).entries
+        for k in range(1, U.height):
+            where = f"groups[{g}].forms[{k - 1}]"
+            if not flows[0, k] > 0:
                 raise NotProvedError(where, "the product with its Lyapunov generator is not positive")
-            for m in range(first, first + 1 + size):
-                if m != k and not gram[k, m] > 0:
-                    raise NotProvedError(where, "the product with the generator of a pair is not positive")
+            if any(not gram[k, m] > 0 for m in range(U.height) if m != k):
+                raise NotProvedError(where, "the product with the generator of a pair is not positive")
 
 
-def _group_rows(claim: Infeasibility) -> Matrix:
-    n = claim.subject.model.n
-    rows = [[group.row.get(i, Fraction(0)) for i in range(n)] for group in claim.subject.groups]
-    return matrix(rows, n)
-
-
-def _rows(claim: Infeasibility) -> tuple[list[list[Fraction | int]], list[tuple[int, int]]]:
-    """For each group the rows N_g'e_0 (that is y) and N_g'l_k, and where they begin."""
-    n = claim.subject.model.n
-    rows: list[list[Fraction | int]] = []
-    places: list[tuple[int, int]] = []
-    for group, proof in zip(claim.subject.groups, claim.groups, strict=True):
-        size = len(group.members)
-        places.append((len(rows), len(proof.forms)))
-        for form in ((Fraction(1), *[Fraction(0)] * size), *proof.forms):
-            row: list[Fraction | int] = [0] * len(claim.L)
-            for i, r in group.row.items():
-                row[i] = form[0] * r
-            for j, (c, _) in enumerate(group.members, start=1):
-                row[n + c] = form[j]
-            rows.append(row)
-    return rows, places
+def _rows(group: Group, proof: GroupProof) -> Matrix:
+    """Return the rows N_g'e_0 (that is y) and N_g'l_k, on the entries of z that the group reads."""
+    y = (Fraction(1), *[Fraction(0)] * len(group.members))
+    rows = [[*(form[0] * r for r in group.row.values()), *form[1:]] for form in (y, *proof.forms)]
+    return matrix(rows, len(group.row) + len(group.members))

@@ -9,6 +9,7 @@ from persid_check.results import FormatError
 
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 16
+MAX_LISTS = 4_000_000  # opening brackets, those in texts counted: a list takes far more memory than it has bytes
 MAX_DIGITS = 700  # of an integer: a binary64 or a dyadic mantissa needs fewer
 
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{}]', re.DOTALL)  # a string, closed or not, or a bracket
@@ -39,6 +40,8 @@ def read(data: bytes, *, floats: bool) -> Any:
 
 
 def _refuse_depth(text: str) -> None:
+    if text.count("[") + text.count("{") > MAX_LISTS:
+        raise FormatError("file", f"more than {MAX_LISTS} lists and objects")
     depth = 0
     for token in _TOKEN.finditer(text):
         depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token.group()[:1], 0)

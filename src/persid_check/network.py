@@ -3,7 +3,7 @@
 The specification, with its proof, is in docs/certificate-format.md.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -291,6 +291,7 @@ def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: 
     arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
     if is_sparse(form):
         sparse = read_sparse(form, arrays)
+        _refuse_unpaid(data, arrays, sparse.n)
         if sparse.n <= FILLED_STATES:
             raise FormatError("model", f"the network form is for more than {FILLED_STATES} states")
         if sha256_of(sparse.form()) != sha256_of(form):  # as texts: to Python 1 == True
@@ -300,6 +301,14 @@ def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: 
         raise FormatError("model", "not in canonical form")
     model = model_of(form)
     return NetworkSubject(claim, data["model_sha256"], form, model, nodes_of(model), arrays)
+
+
+def _refuse_unpaid(data: Mapping[str, Any], arrays: companion.Arrays, n: int) -> None:
+    """A number for each node stands in the file or in its companion before anything of that size is made."""
+    where, name = ("weights", "w") if "weights" in data else ("z", "z")
+    given = arrays.get(name) if data[where] is None else data[where]
+    if not isinstance(given, Sized) or len(given) != n:
+        raise FormatError(where, f"{n} numbers are needed, here or as {name!r} in the companion")
 
 
 def _entry(value: Any) -> Mapping[str, Any]:

@@ -16,7 +16,7 @@ from flint import ctx, fmpq
 
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
 from persid_check.expansion import CONSTANT, Expansion, Horizon
-from persid_check.expression import Program
+from persid_check.expression import Program, work_of
 from persid_check.side import (
     BUDGET,
     EXPANSION,
@@ -237,7 +237,7 @@ def _continuous(program: Program, ends: Domain) -> bool:
     while pieces:
         lo, hi = pieces.pop()
         budget -= 1
-        spend(len(program))
+        spend(work_of(program))
         try:
             value(program, between(lo, hi))
         except UndefinedError:
@@ -248,7 +248,7 @@ def _continuous(program: Program, ends: Domain) -> bool:
 
 
 def _defined_beyond(program: Program, Y: Fraction, sign: int) -> bool:
-    spend(EXPANSION * len(program))
+    spend(EXPANSION * work_of(program))
     try:
         value(program, Expansion(Horizon(Y), [((fmpq(0), fmpq(1), fmpq(0)), fmpq(sign))]))
     except UndefinedError:

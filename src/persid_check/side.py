@@ -11,7 +11,7 @@ from flint import arb, fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, Expansion, Horizon
-from persid_check.expression import Program
+from persid_check.expression import Program, work_of
 from persid_check.taylor import LOCAL, Series, least, somewhere, variable
 from persid_check.work import spend
 
@@ -40,8 +40,8 @@ class Side:
 
     @property
     def steps(self) -> int:
-        """Instructions in its programs: the work of one evaluation."""
-        return sum((len(program) for program, _ in self.curve), 1)
+        """The work of one evaluation."""
+        return sum((work_of(program) for program, _ in self.curve), 1)
 
     def on(self, t: Interval) -> tuple[Interval, Interval]:
         """Return enclosures of G and of its derivative D over an interval of t."""

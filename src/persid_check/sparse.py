@@ -18,6 +18,8 @@ MAX_NODES = 4_000_000
 MAX_ENTRIES = 64_000_000  # of one matrix
 MAX_TERMS = 64
 MAX_INPUTS = 1000
+FREE_COLUMNS = 100_000  # of triplets, and more for each of them: memory follows the file's size
+COLUMNS_A_TRIPLET = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +94,7 @@ def gathered(data: Mapping[str, Any], folder: Path | None) -> Arrays:
     Raises:
         FormatError: a matrix or a vector is not as specified; the message names the place.
     """
+    _refuse_many_terms(data.get("terms"))
     companions: dict[str, Arrays] = {}
     arrays: dict[str, ndarray] = {}
     for name, entry in _parts(data):
@@ -105,6 +108,8 @@ def gathered(data: Mapping[str, Any], folder: Path | None) -> Arrays:
                 if f"{own}{suffix}" not in stored:
                     raise FormatError(f"model.{name}", f"{entry['npz']} has no array {str(own)[:60] + suffix!r}")
                 arrays[f"{name}{suffix}"] = stored[f"{own}{suffix}"]
+        elif isinstance(entry, Mapping) and name in _VECTORS:
+            raise FormatError(f"model.{name}", "a vector is written out, or stands in a companion")
         elif isinstance(entry, Mapping):
             arrays |= _from_triplets(name, entry)
         elif entry is not None:
@@ -128,8 +133,7 @@ def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
     if isinstance(n, bool) or not 1 <= n <= MAX_NODES or len(inputs) > MAX_INPUTS:
         raise FormatError("model.states", f"1 to {MAX_NODES} states and at most {MAX_INPUTS} inputs are read")
     terms = data["terms"]
-    if not isinstance(terms, list) or len(terms) > MAX_TERMS:
-        raise FormatError("model.terms", f"a list of at most {MAX_TERMS} terms is needed")
+    _refuse_many_terms(terms)
     plain = data["states"] if isinstance(data["states"], list) else None
     default = plain is None or plain == [f"x{i + 1}" for i in range(n)]
     return SparseModel(
@@ -142,6 +146,11 @@ def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
         _columns("B", arrays, (n, len(inputs))),
         *(_floats(name, arrays, n * (1 + (name == "domain"))) for name in _VECTORS),
     )
+
+
+def _refuse_many_terms(terms: Any) -> None:
+    if not isinstance(terms, list) or len(terms) > MAX_TERMS:
+        raise FormatError("model.terms", f"a list of at most {MAX_TERMS} terms is needed")
 
 
 _VECTORS = ("x_ref", "b", "domain")
@@ -163,9 +172,9 @@ def _term(name: str, term: Any, n: int, arrays: Arrays) -> SparseTerm:
     texts = (f,) if isinstance(f, str) else tuple(f) if isinstance(f, list) else ()
     if not (isinstance(f, str) or len(texts) == size):
         raise FormatError(f"model.{name}.f", f"one expression, or one per row of R ({size}), is needed")
+    if not all(isinstance(text, str) and text.isprintable() for text in texts):
+        raise FormatError(f"model.{name}.f", "an expression is printable text")
     for text in dict.fromkeys(texts):
-        if not isinstance(text, str) or not text.isprintable():
-            raise FormatError(f"model.{name}.f", "an expression is printable text")
         try:
             parse(text)
         except ExpressionError as error:
@@ -241,14 +250,21 @@ def _from_triplets(name: str, entry: Mapping[str, Any]) -> dict[str, "ndarray"]:
         raise FormatError(where, "three lists of the same length are needed")
     if not all(type(k) is int for part in (*lists[:2], shape) for k in part) or len(shape) != 2:
         raise FormatError(where, "indices and shape are integers")
+    if not all(0 <= size <= 8 * MAX_NODES for size in shape):
+        raise FormatError(where, f"a shape has sides from 0 to {8 * MAX_NODES}, not {str(shape)[:40]}")
+    if shape[1] > FREE_COLUMNS + COLUMNS_A_TRIPLET * len(lists[0]):
+        raise FormatError(where, f"{shape[1]} columns are too many for {len(lists[0])} entries; give it in a companion")
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in lists[2]):
         raise FormatError(where, "values are numbers")
     if any(not 0 <= k < size for part, size in zip(lists, shape, strict=False) for k in part):
         raise FormatError(where, "an index is negative or too large")
     rows, columns = (np.array(part, np.int64) for part in lists[:2])
-    values = np.array(lists[2], float)
+    try:
+        values = np.array(lists[2], float)
+    except OverflowError:
+        raise FormatError(where, "an integer is too large for a binary64") from None
     order = np.lexsort((rows, columns))
-    starts = np.searchsorted(columns[order], np.arange(min(shape[1], MAX_NODES * 8) + 1))
+    starts = np.searchsorted(columns[order], np.arange(shape[1] + 1))
     return {f"{name}.starts": starts, f"{name}.rows": rows[order], f"{name}.values": values[order]}
 
 
@@ -258,7 +274,7 @@ def _from_lists(name: str, entry: Any) -> dict[str, "ndarray"]:
 
     try:
         values = np.array(entry, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise FormatError(f"model.{name}", "numbers are needed") from None
     if name in _VECTORS:
         return {name: values.ravel()}

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from flint import arb, arb_series, ctx, fmpq, fmpq_series
 
-from persid_check.enclosure import Interval, UndefinedError, between, enclose
+from persid_check.enclosure import Interval, UndefinedError, between, enclose, is_far
 
 Coefficient = fmpq | Interval
 
@@ -64,6 +64,8 @@ def _refuse_short_series() -> None:
 
 def _power_series(name: str, x: arb_series, center: arb, count: int) -> arb_series:
     one = arb_series([1], prec=count)
+    if name in ("sin", "cos", "tan") and is_far(center):
+        raise UndefinedError(f"no series of {name} so far out")
     match name:
         case "exp" | "sin" | "cos" | "tan" | "erf":
             found: arb_series = getattr(x, name)()

@@ -14,13 +14,14 @@ from persid_check.results import NotProvedError
 
 BASE_STEPS = 5 * 10**6  # that the proofs of a file may take, and more for each of its groups of channels
 GROUP_STEPS = 10**5
+BYTE_STEPS = 20  # of the share of its groups, for each byte of the file
 
 _Key = ParamSpec("_Key")
 
 
-def allowance(groups: int) -> int:
-    """Return the steps that a file with so many groups may take."""
-    return BASE_STEPS + GROUP_STEPS * groups
+def allowance(groups: int, size: int) -> int:
+    """Return the steps that a file with so many groups and bytes may take."""
+    return BASE_STEPS + min(GROUP_STEPS * groups, BYTE_STEPS * size)
 
 
 class _Account:
@@ -51,7 +52,7 @@ def spend(steps: int) -> None:
     if account is not None:
         account.spent += steps
         if account.spent > account.limit:
-            raise NotProvedError("groups", "to prove its forms takes too many steps: fewer or simpler ones are needed")
+            raise NotProvedError("groups", "its proof takes too many steps: fewer or simpler forms are needed")
 
 
 _memories: list[Callable[[], None]] = []
