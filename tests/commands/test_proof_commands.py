@@ -9,8 +9,8 @@ import pytest
 
 import persid as ps
 import persid.verdicts.certify
-from persid.certificates.encoding import plain_model
 from persid.commands import cli
+from persid.models.arguments import plain_model
 from persid.verdicts.verdict import Reason, Undecided
 from places import VALID
 

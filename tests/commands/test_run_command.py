@@ -10,9 +10,9 @@ import pytest
 
 import persid as ps
 from command_line import MODEL, RUN, files, free_fit_only, raising
-from persid.certificates.encoding import plain_model
 from persid.commands import cli
 from persid.commands import identify as fit_commands
+from persid.models.arguments import plain_model
 from persid.reports import results as folder
 from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided
 from places import VALID

@@ -18,10 +18,9 @@ from persid._dyadics import value
 from persid._files import write_atomically
 from persid.certificates import bounds
 from persid.certificates import output_bounds as seen
-from persid.certificates.encoding import plain_model
-from persid.errors import ModelError, PersidError, RejectedError
+from persid.certificates.acceptance import accepted
+from persid.errors import ModelError, PersidError
 from persid.models.model import PersidskiiModel
-from persid_check.results import Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +47,7 @@ class Certificate:
         Raises:
             RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
-        answer = persid_check.check(data)
-        if not isinstance(answer, persid_check.Accepted) or answer.claim not in ("G", "M", "E", "R"):
-            raise rejected(answer)
+        answer = accepted(data, ("G", "M", "E", "R"))
         return cls(data, answer.claim, answer.statement, answer.steps)
 
     def __repr__(self) -> str:
@@ -73,7 +70,7 @@ class Certificate:
     @cached_property
     def model(self) -> PersidskiiModel:
         """The model of which the certificate speaks."""
-        return PersidskiiModel.from_dict(plain_model(self.content["model"]))
+        return PersidskiiModel.from_canonical(self.content["model"])
 
     @property
     def scope(self) -> str:
@@ -226,7 +223,7 @@ class Certificate:
         channels, point = self.model.channels, self.operating_point
         dx = np.asarray(x, float) - point
         total = np.einsum("ki,ij,kj->k", dx, self.P, dx)
-        for group, stored in zip(persid_check.groups(self.model.to_dict()), self.content["groups"], strict=True):
+        for group, stored in zip(persid_check.groups(self.content["model"]), self.content["groups"], strict=True):
             row = np.zeros(self.model.n)
             row[list(group.row)] = [float(v) for v in group.row.values()]
             density = sum(
@@ -244,16 +241,6 @@ class Certificate:
                 integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y
                 total = total + 2 * weight * integral
         return total
-
-
-def rejected(answer: Result) -> RejectedError:
-    """Return the error that says why the checker does not accept a file, or that it accepts another claim."""
-    why = (
-        f"it proves claim {answer.claim}"
-        if isinstance(answer, persid_check.Accepted)
-        else f"{answer.where}: {answer.why}"
-    )
-    return RejectedError(f"the checker does not accept it: {why}")
 
 
 def _times(t: Any) -> Float[ndarray, " N"]:

@@ -1,4 +1,4 @@
-"""certificates.encoding."""
+"""The text of proofs: how a file begins, readable JSON, and integer factors of matrices."""
 
 import json
 from typing import Any
@@ -9,8 +9,20 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import RoundingError
+from persid.models.model import PersidskiiModel
 
 FORMAT = "persid-certificate-1"
+
+
+def heading(model: PersidskiiModel, claim: str, statement: str) -> dict[str, Any]:
+    """Return how the file of a claim about a model begins."""
+    return {
+        "format": FORMAT,
+        "claim": claim,
+        "statement": statement,
+        "model_sha256": model.sha256,
+        "model": model.canonical,
+    }
 
 
 def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
@@ -55,18 +67,3 @@ def _lines(entry: Any, depth: int = 1) -> str:
     return (
         "{\n" + ",\n".join(f"{pad}{json.dumps(name)}: {_lines(part, depth + 1)}" for name, part in entry.items()) + "}"
     )
-
-
-def plain_model(form: Any) -> Any:
-    """Turn the canonical form's hexadecimal floats back into numbers."""
-    data = dict(form)
-    for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
-        data[name] = _numbers(data[name])
-    data["terms"] = [{"f": t["f"], "R": _numbers(t["R"]), "A": _numbers(t["A"])} for t in data["terms"]]
-    return data
-
-
-def _numbers(entry: Any) -> Any:
-    if isinstance(entry, list):
-        return [_numbers(part) for part in entry]
-    return float.fromhex(entry) if isinstance(entry, str) else entry

@@ -10,16 +10,16 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-import persid_check
 from persid._dyadics import dyadics
 from persid._files import write_atomically
-from persid.certificates.encoding import FORMAT, encode, factor
-from persid.errors import RoundingError
+from persid.certificates.acceptance import accepted
+from persid.certificates.encoding import encode, factor, heading
+from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.search import Outcome
 from persid.lyapunov.system import System
 from persid.models.model import PersidskiiModel
-from persid_check import canonical_model
 
+_STATEMENT = "No certificate exists in this family of Lyapunov functions; stability is not refuted."
 BITS = 40  # of the largest entry of L
 
 
@@ -29,6 +29,15 @@ class Obstruction:
 
     data: bytes
     statement: str
+
+    @classmethod
+    def accept(cls, data: bytes) -> "Obstruction":
+        """Return the obstruction that these bytes are.
+
+        Raises:
+            RejectedError: the checker does not accept them as one; the message gives its reason.
+        """
+        return cls(data, accepted(data, ("infeasible",)).statement)
 
     def save(self, path: str | Path) -> None:
         """Write the accepted bytes."""
@@ -48,22 +57,15 @@ def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | 
     try:
         L = _factor(outcome)
         content: dict[str, Any] = {
-            "format": FORMAT,
-            "claim": "infeasible",
-            "statement": "No certificate exists in this family of Lyapunov functions; stability is not refuted.",
-            "model_sha256": model.sha256,
-            "model": canonical_model(model.to_dict()),
+            **heading(model, "infeasible", _STATEMENT),
             "family": "full" if full else "diagonal",
             "groups": [{"forms": _forms(system, g, outcome)} for g in range(len(system.groups))],
             "L": [[int(v) for v in row] for row in _all_entries(model, system, L)],
             "proof": {"P": factor(_lyapunov_product(system, L))} if full else {},
         }
-    except (RoundingError, np.linalg.LinAlgError):
+        return Obstruction.accept(encode(content))
+    except (RejectedError, RoundingError, np.linalg.LinAlgError):
         return None
-    data = encode(content)
-    answer = persid_check.check(data)
-    accepted = isinstance(answer, persid_check.Accepted) and answer.claim == "infeasible"
-    return Obstruction(data, answer.statement) if isinstance(answer, persid_check.Accepted) and accepted else None
 
 
 def _factor(outcome: Outcome) -> Float[ndarray, "N r"]:

@@ -7,13 +7,14 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import _floor, dyadic, dyadics, rounded
-from persid.certificates.encoding import FORMAT, encode, factor
+from persid.certificates.encoding import encode, factor, heading
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.sectors import Group, nondecreasing_pool
 from persid.lyapunov.system import System
 from persid.models.model import PersidskiiModel
-from persid_check import canonical_model
+
+_STATEMENT = "The model is input-to-state stable ({})."
 
 
 def write(
@@ -31,11 +32,11 @@ def write(
     below = lyapunov.below[np.ix_(states, states)]
     p = _floor(np.linalg.eigvalsh(below)[0]) if rate else 0.0
     content: dict[str, Any] = {
-        "format": FORMAT,
-        "claim": claim,
-        "statement": f"The model is input-to-state stable ({'in a region' if regional else 'for all initial states'}).",
-        "model_sha256": model.sha256,
-        "model": canonical_model(model.to_dict()),
+        **heading(
+            model,
+            claim,
+            f"The model is input-to-state stable ({'in a region' if regional else 'for all initial states'}).",
+        ),
         "operating_point": None if point is None else point.to_dict(),
         "P": _stored(lyapunov.P),
         "groups": [_group(group, part, claim) for group, part in zip(system.groups, lyapunov.chosen, strict=True)],

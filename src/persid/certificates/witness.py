@@ -3,6 +3,7 @@
 import json
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -15,14 +16,13 @@ from flint import fmpq, fmpq_mat
 from jaxtyping import Float
 from numpy import ndarray
 
-import persid_check
 from persid._dyadics import dyadic, dyadics, rounded
 from persid._files import write_atomically
-from persid.certificates.encoding import FORMAT, encode, factor
-from persid.errors import RoundingError
+from persid.certificates.acceptance import accepted
+from persid.certificates.encoding import encode, factor, heading
+from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.models.model import PersidskiiModel
-from persid_check import canonical_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +43,16 @@ class Witness:
     sentence: str
     statement: str
     steps: tuple[str, ...]
+
+    @classmethod
+    def accept(cls, data: bytes) -> "Witness":
+        """Return the witness that these bytes are.
+
+        Raises:
+            RejectedError: the checker does not accept them as one; the message gives its reason.
+        """
+        answer, content = accepted(data, ("refuted",)), json.loads(data)
+        return cls(data, content["witness"]["kind"], content["statement"], answer.statement, answer.steps)
 
     def save(self, path: str | Path) -> None:
         """Write the accepted bytes."""
@@ -68,20 +78,9 @@ def find_witness(model: PersidskiiModel, u: Float[ndarray, " m"], points: Sequen
     """Return the first witness that the checker accepts, cheap ones first; `points` are proved equilibria at u."""
     for make in _KINDS:
         for candidate in make(model, u, points):
-            data = encode(
-                {
-                    "format": FORMAT,
-                    "claim": "refuted",
-                    "statement": candidate.sentence,
-                    "model_sha256": model.sha256,
-                    "model": canonical_model(model.to_dict()),
-                    "u": dyadics(u),
-                    "witness": {"kind": candidate.kind, **candidate.fields},
-                }
-            )
-            answer = persid_check.check(data)
-            if isinstance(answer, persid_check.Accepted) and answer.claim == "refuted":
-                return Witness(data, candidate.kind, candidate.sentence, answer.statement, answer.steps)
+            proof = {"u": dyadics(u), "witness": {"kind": candidate.kind, **candidate.fields}}
+            with suppress(RejectedError):
+                return Witness.accept(encode({**heading(model, "refuted", candidate.sentence), **proof}))
     return None
 
 

@@ -98,7 +98,7 @@ def vector(name: str, given: Any, size: int) -> ndarray:
 
 def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m"]) -> OperatingPoint | None:
     """Return the equilibrium near x as a proved ball, or None where the proof fails."""
-    ball = persid_check.prove_equilibrium(model.to_dict(), x.tolist(), u.tolist())
+    ball = persid_check.prove_equilibrium(model.canonical, x.tolist(), u.tolist())
     return None if ball is None else OperatingPoint(x, float(ball), u)
 
 

@@ -107,3 +107,18 @@ def check_kinds(data: Mapping[str, Any]) -> None:
 
 def _are_texts(value: Any) -> bool:
     return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
+
+
+def plain_model(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the object of `model.json` from the canonical form: hexadecimal floats become numbers again."""
+    data = dict(form)
+    for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
+        data[name] = _numbers(data[name])
+    data["terms"] = [{"f": t["f"], "R": _numbers(t["R"]), "A": _numbers(t["A"])} for t in data["terms"]]
+    return data
+
+
+def _numbers(entry: Any) -> Any:
+    if isinstance(entry, list):
+        return [_numbers(part) for part in entry]
+    return float.fromhex(entry) if isinstance(entry, str) else entry

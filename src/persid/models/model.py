@@ -24,6 +24,7 @@ from persid.models.arguments import (
     finite_array,
     matrices_of,
     matrix_of,
+    plain_model,
     term_of,
     unknown_fields,
 )
@@ -129,6 +130,11 @@ class PersidskiiModel:
         """Whether a matrix is a sparse one."""
         found = [self.A0, self.B, *(part for term in self.terms for part in (term.A, term.R))]
         return any(columns.is_sparse(part) for part in found)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the arrays of the model stand in a companion of its file."""
+        return self.is_sparse and self.n > columns.FILLED_STATES
 
     def dense(self) -> "PersidskiiModel":
         """Return the model with its matrices filled in; itself where it has no sparse ones.
@@ -320,16 +326,29 @@ class PersidskiiModel:
 
         The arrays of a large sparse model go to a companion of the same stem, .npz.
         """
-        large = self.is_sparse and self.n > columns.FILLED_STATES
-        content = self.compressed().save(Path(path), self.provenance) if large else self.to_dict()
+        content = self.compressed().save(Path(path), self.provenance) if self.is_large else self.to_dict()
         write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     @cached_property
     def sha256(self) -> str:
         """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
-        if self.is_sparse and self.n > columns.FILLED_STATES:
-            return persid_check.model.sha256_of(self.compressed().exact.form())
-        return persid_check.model_sha256(self.to_dict())
+        return persid_check.model.sha256_of(self.canonical)
+
+    @cached_property
+    def canonical(self) -> Mapping[str, Any]:
+        """The form that proofs hold and that is hashed: numbers as hexadecimal floats, of a large model digests.
+
+        `from_canonical` is the way back.
+        """
+        return self.compressed().exact.form() if self.is_large else persid_check.canonical_model(self.to_dict())
+
+    @classmethod
+    def from_canonical(cls, form: Mapping[str, Any], arrays: bytes | None = None) -> "PersidskiiModel":
+        """Return the model of a canonical form; of a large one `arrays` are the bytes of the companion."""
+        if arrays is None:
+            return cls.from_dict(plain_model(form))
+        found = persid_check.sparse.read_sparse(form, persid_check.companion.read(arrays))
+        return cls(**columns.arguments(found))
 
 
 _FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")

@@ -18,13 +18,12 @@ import persid_check
 from persid._dyadics import dyadic, dyadics, rounded, value
 from persid._files import write_atomically
 from persid.certificates import bounds
-from persid.certificates.certificate import rejected
-from persid.certificates.encoding import FORMAT, encode, plain_model
+from persid.certificates.acceptance import accepted
+from persid.certificates.encoding import encode, heading
 from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
 from persid.models.model import PersidskiiModel
 from persid.networks.weights import Network, Perron, Weights, find_weights, network
-from persid_check import canonical_model
 from persid_check.nodes import nodes_of
 from persid_check.results import NotProvedError
 from persid_check.table import Table, table_of, table_of_sparse
@@ -53,9 +52,7 @@ class NetworkCertificate:
         Raises:
             RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
-        answer = persid_check.check(data, arrays=arrays)
-        if not isinstance(answer, persid_check.Accepted) or answer.claim != "L1":
-            raise rejected(answer)
+        answer = accepted(data, ("L1",), arrays)
         return cls(data, arrays, model, answer.statement, answer.steps)
 
     def __repr__(self) -> str:
@@ -177,17 +174,12 @@ class NetworkObstruction:
         return json.loads(self.data)
 
 
-def is_large(model: PersidskiiModel) -> bool:
-    """Whether the arrays of a model's certificate stand in a companion."""
-    return model.is_sparse and model.n > columns.FILLED_STATES
-
-
 def table(model: PersidskiiModel) -> Table | None:
     """Return a model's coefficients by node; None where an argument row is no positive multiple of a unit vector."""
     try:
-        if is_large(model):
+        if model.is_large:
             return table_of_sparse(model.compressed().exact)
-        return table_of(nodes_of(persid_check.model.read_model(model.to_dict())))
+        return table_of(nodes_of(persid_check.model.read_model(model.canonical)))
     except NotProvedError:
         return None
 
@@ -221,9 +213,10 @@ def obstruct(model: PersidskiiModel, net: Network, found: Perron) -> NetworkObst
     data, arrays = _file(
         model, "L1-infeasible", statement, {"kinds": kinds}, {"z": ("z", z), "choice": ("choice", choice)}
     )
-    answer = persid_check.check(data, arrays=arrays)
-    accepted = isinstance(answer, persid_check.Accepted) and answer.claim == "L1-infeasible"
-    return NetworkObstruction(data, arrays, getattr(answer, "statement", "")) if accepted else None
+    try:
+        return NetworkObstruction(data, arrays, accepted(data, ("L1-infeasible",), arrays).statement)
+    except RejectedError:
+        return None
 
 
 def load(data: bytes, folder: Path) -> NetworkCertificate:
@@ -234,14 +227,8 @@ def load(data: bytes, folder: Path) -> NetworkCertificate:
     """
     content = json.loads(data)
     arrays = _companion(content.get("companion"), folder)
-    answer = persid_check.check(data, arrays=arrays)
-    if not isinstance(answer, persid_check.Accepted) or answer.claim != "L1":
-        raise rejected(answer)
-    if arrays is None:
-        model = PersidskiiModel.from_dict(plain_model(content["model"]))
-    else:
-        found = persid_check.sparse.read_sparse(content["model"], persid_check.companion.read(arrays))
-        model = PersidskiiModel(**columns.arguments(found))
+    answer = accepted(data, ("L1",), arrays)
+    model = PersidskiiModel.from_canonical(content["model"], arrays)
     return NetworkCertificate(data, arrays, model, answer.statement, answer.steps)
 
 
@@ -290,18 +277,13 @@ def _file(
     model: PersidskiiModel, claim: str, statement: str, parts: dict[str, Any], vectors: dict[str, tuple[str, ndarray]]
 ) -> tuple[bytes, bytes | None]:
     """Return the bytes of a file and of its companion; the vectors are listed in the file of a small model."""
-    content: dict[str, Any] = {"format": FORMAT, "claim": claim, "statement": statement, "model_sha256": model.sha256}
-    if not is_large(model):
-        listed = {name: _listed(values) for name, (_, values) in vectors.items()}
-        return encode(
-            {**content, "model": canonical_model(model.to_dict()), **parts, **listed, "companion": None}
-        ), None
-    form = model.compressed().exact.form()
+    content = {**heading(model, claim, statement), **parts}
+    if not model.is_large:
+        return encode({**content, **{name: _listed(v) for name, (_, v) in vectors.items()}, "companion": None}), None
     arrays = columns.archive(model.compressed().arrays | dict(vectors.values()))
     digest = hashlib.sha256(arrays).hexdigest()
     stored = {"npz": f"network-{digest[:16]}.npz", "sha256": digest}
-    nulls = dict.fromkeys(vectors)
-    return encode({**content, "model": form, **parts, **nulls, "companion": stored}), arrays
+    return encode({**content, **dict.fromkeys(vectors), "companion": stored}), arrays
 
 
 def _listed(values: ndarray) -> list[Any]:

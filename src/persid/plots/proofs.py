@@ -128,7 +128,7 @@ def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
 
 def _curve(certificate: Certificate, group: int) -> tuple[float, float, ndarray, ndarray]:
     """Return a range of y, phi(y) of one group about the operating point, one row an entry, and y."""
-    model, part = certificate.model, groups(certificate.model.to_dict())[group]
+    model, part = certificate.model, groups(certificate.content["model"])[group]
     weights, places = np.array([float(v) for v in part.row.values()]), list(part.row)
     at = float(weights @ (certificate.operating_point - model.x_ref)[places])
     if certificate.claim == "R":

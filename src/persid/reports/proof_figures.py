@@ -203,7 +203,7 @@ def _sectors(certificate: Certificate) -> list[Drawing]:
         return []
     figure, axes = side_by_side(count, 2.6)
     words = []
-    for g, (ax, group) in enumerate(zip(axes, groups(model.to_dict()), strict=False)):
+    for g, (ax, group) in enumerate(zip(axes, groups(model.canonical), strict=False)):
         plots.sector_forms(ax, certificate, g)
         along = ", ".join(model.states[k] for k in group.row)
         ax.set_title(f"y along {plots.short(along, 30)}", fontsize=10)

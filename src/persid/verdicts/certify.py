@@ -17,7 +17,7 @@ from persid.lyapunov.operating_points import OperatingPoint, find_operating_poin
 from persid.lyapunov.shifted_model import Setting, undefined
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
-from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network, is_large
+from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
 from persid.verdicts.failures import Failure, stopped
@@ -114,7 +114,7 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
         found = _by_weights(asked, log)
         if isinstance(found, NetworkCertificate):
             return Certified(found, tuple(log.attempts))
-        if is_large(asked.model):
+        if asked.model.is_large:
             return _undecided(found, asked, log)
     asked = replace(asked, model=asked.model.dense())
     with log.attempt("equilibria at the nominal input") as outcome:
@@ -137,7 +137,7 @@ def _undecided(failure: Failure, asked: _Asked, log: Log) -> Undecided:
     """Return the verdict of a failure, with what simulations do."""
     evidence = None
     # where a function ends, a run that goes on tells nothing
-    if log.limit > 0 and not is_large(asked.model) and not undefined(asked.model):
+    if log.limit > 0 and not asked.model.is_large and not undefined(asked.model):
         with log.attempt("simulations from bounded states") as outcome:
             evidence = simulated(asked.model, asked.u)
             outcome.append(f"{evidence.diverged} of {evidence.runs} diverged")

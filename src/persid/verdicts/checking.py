@@ -7,7 +7,7 @@ from typing import Any
 import persid_check
 from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
-from persid.networks.certificate import NetworkCertificate, is_large, load
+from persid.networks.certificate import NetworkCertificate, load
 from persid_check import json_text
 from persid_check.results import FormatError, Result
 
@@ -59,7 +59,7 @@ def check(
     """
     data = Path(certificate) if isinstance(certificate, str | Path) else certificate.data
     arrays = getattr(certificate, "arrays", None)
-    if not (isinstance(model, PersidskiiModel) and is_large(model)):
+    if not (isinstance(model, PersidskiiModel) and model.is_large):
         return persid_check.check(data, _bytes(model), arrays=arrays)
     answer = persid_check.check(data, arrays=arrays)  # a large model is compared by its hash, not written out
     stated = json.loads(data if isinstance(data, bytes) else data.read_bytes()).get("model_sha256")
