@@ -10,6 +10,8 @@ from persid_check.claims import prove_stability
 from persid_check.enclosure import PRECISION
 from persid_check.format import Claimed, Infeasibility, Refutation, read_certificate
 from persid_check.infeasibility import prove_infeasibility
+from persid_check.ledger.check import check_ledger
+from persid_check.ledger.file import FORMAT as LEDGER
 from persid_check.model import model_sha256, sha256_of
 from persid_check.network import NetworkClaim, NetworkObstruction, prove_network, prove_no_weights, read_network
 from persid_check.outputs import FORMAT as OUTPUT_FORMAT
@@ -39,7 +41,12 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
     other = None if model is None else _bytes(model)
     try:
         with ctx.workprec(PRECISION):
-            plain, optional = detached(json_text.read(data, floats=False))
+            content = json_text.read(data, floats=False)
+            if isinstance(content, dict) and content.get("format") == LEDGER:
+                wanted = None if other is None else model_sha256(json_text.read(other, floats=True), _folder(model))
+                name, statement, steps = check_ledger(content, len(data), wanted)
+                return Accepted(name, statement, steps if explain else ())
+            plain, optional = detached(content)
             claim = _read(plain, _folder(source), arrays)
             more = NOTHING if isinstance(claim, Networked) else read_conclusions(optional, claim.subject)
             _same_model(claim, more, None if other is None else json_text.read(other, floats=True), _folder(model))

@@ -1,0 +1,273 @@
+"""Certificates of format 2 from the content of format 1: curves are shared, and each lemma gets its partition."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import gcd, lcm
+from typing import Any
+
+import numpy as np
+
+from persid.certificates.encoding import factor
+from persid.certificates.partitions import cuts_of, cuts_of_continuity
+from persid.errors import RoundingError
+from persid_check.exact import Matrix, diagonal
+from persid_check.expression import parse
+from persid_check.ledger.assembly import assemble
+from persid_check.ledger.file import FORMAT, read_ledger
+from persid_check.ledger.lemmas import Cuts, Lemma
+from persid_check.model import Model, groups_of, model_of
+
+CLAIMS = {"G": "iss", "M": "iss", "E": "rate-and-gain", "R": "region"}
+_ZERO = Fraction(0)
+Form = tuple[Fraction, ...]
+
+
+def dyadic(number: Fraction) -> list[int]:
+    """Write a dyadic number.
+
+    Raises:
+        RoundingError: it is not dyadic.
+    """
+    if number.denominator & (number.denominator - 1):
+        raise RoundingError(f"{number} is no dyadic number")
+    return [number.numerator, 1 - number.denominator.bit_length()]
+
+
+def written_cuts(cuts: Cuts) -> list[Any]:
+    """Write cuts with their common exponent."""
+    scale = lcm(*(t.denominator for t in cuts))
+    if scale & (scale - 1):
+        raise RoundingError("a cut is no dyadic number")
+    return [1 - scale.bit_length(), [int(t * scale) for t in cuts]]
+
+
+def _read(pair: Sequence[int]) -> Fraction:
+    return Fraction(pair[0]) * Fraction(2) ** pair[1]
+
+
+@dataclass
+class Curves:
+    """The curves of a file, each once, with the proved forms in the order of their first use."""
+
+    claim: str
+    listed: list[dict[str, Any]] = field(default_factory=list)
+    places: dict[Any, int] = field(default_factory=dict)
+
+    def place(self, key: "CurveKey") -> int:
+        """Return the number of a curve; its proofs are found at its first use."""
+        if key not in self.places:
+            self.places[key] = len(self.listed)
+            self.listed.append(key.written(self.claim))
+        return self.places[key]
+
+
+@dataclass(frozen=True)
+class CurveKey:
+    """What makes a curve: functions with factors, centre, domain, and forms with (used in V, c, d)."""
+
+    functions: tuple[tuple[str, Fraction], ...]
+    shift: tuple[Fraction, Fraction] | str | None
+    domain: tuple[Fraction, Fraction] | None
+    forms: tuple[tuple[Form, Fraction | None, Fraction, bool], ...]
+
+    def lemma(self, form: Form, kind: str, **numbers: Fraction) -> Lemma:
+        """Return a lemma about the curve."""
+        functions = tuple((parse(text), alpha) for text, alpha in self.functions)
+        centre = None
+        if isinstance(self.shift, tuple):
+            centre = (self.shift[0] - self.shift[1], self.shift[0] + self.shift[1])
+        return Lemma(functions, form, kind, centre, **numbers)
+
+    def written(self, claim: str) -> dict[str, Any]:
+        """Return the curve's object, with partitions.
+
+        Raises:
+            RoundingError: a lemma is not proved.
+        """
+        functions = tuple((parse(text), alpha) for text, alpha in self.functions)
+        middle, radius = self.shift if isinstance(self.shift, tuple) else (_ZERO, _ZERO)
+        ends = None if self.domain is None else (middle - radius + self.domain[0], middle + radius + self.domain[1])
+        continuous = cuts_of_continuity(functions, ends)
+        if continuous is None:
+            raise RoundingError("no proof that the functions are continuous")
+        forms: list[dict[str, Any]] = []
+        extra: list[dict[str, Any]] = []
+        for form, c, d, spans in self.forms:
+            kind, cuts = self._kind(form, spans)
+            entry: dict[str, Any] = {
+                "l": [dyadic(v) for v in form],
+                "is": kind,
+                "cuts": written_cuts(cuts),
+                "offset": [0, 0],
+            }
+            entry["upper"] = None if c is None else self._upper(form, kind, c)
+            entry["lower"] = None
+            if d:
+                entry["lower"] = [dyadic(d), len(self.forms) + len(extra)]
+                extra.append(self._below((form[0] - d, *form[1:])))
+            forms.append(entry)
+        return {
+            "functions": [[text, dyadic(alpha)] for text, alpha in self.functions],
+            "shift": [dyadic(v) for v in self.shift] if isinstance(self.shift, tuple) else self.shift,
+            "domain": None if self.domain is None else [dyadic(v) for v in self.domain],
+            "continuous": written_cuts(continuous),
+            "forms": forms + extra,
+            "products": [],
+        }
+
+    def _kind(self, form: Form, spans: bool, *more: str) -> tuple[str, Cuts]:
+        kinds = ["rising", "growing"] if spans else []
+        for kind in [*kinds, "nondecreasing", "sector", *more]:
+            cuts = cuts_of(self.lemma(form, kind), self.domain)
+            if cuts is not None:
+                return kind, cuts
+        raise RoundingError(f"no proof of the form {[float(v) for v in form]}")
+
+    def _upper(self, form: Form, kind: str, c: Fraction) -> list[Any]:
+        free = kind in ("nondecreasing", "rising") and c >= 1
+        if free or (not any(form[1:]) and c >= Fraction(1, 2)):
+            return [dyadic(c), [0, 0], None]
+        cuts = cuts_of(self.lemma(form, "upper", c=c), self.domain)
+        if cuts is None:
+            raise RoundingError(f"no proof of the bound {float(c)} of the integral of {[float(v) for v in form]}")
+        return [dyadic(c), [0, 0], written_cuts(cuts)]
+
+    def _below(self, form: Form) -> dict[str, Any]:
+        kind, cuts = self._kind(form, False, "offset")
+        found = {"l": [dyadic(v) for v in form], "is": kind, "cuts": written_cuts(cuts)}
+        return found | {"offset": [0, 0], "upper": None, "lower": None}
+
+
+def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the content of format 2 that claims what a content of format 1 claims.
+
+    Raises:
+        RoundingError: a lemma has no partition that is found, or a factor no proof.
+    """
+    model, claim = model_of(content["model"]), content["claim"]
+    curves, points, facts = Curves(claim), [], []
+    for g, (group, stored) in enumerate(zip(groups_of(model), content["groups"], strict=True)):
+        scale, row, alphas = _dyadic_row(group.row, [alpha for _, alpha in group.members])
+        key = _curve_key(content, model, row, group, alphas, stored, scale)
+        densities = [[k, dyadic(_read(mu) * scale)] for k, mu in enumerate(stored["mu"]) if mu[0]]
+        points.append(
+            {
+                "curve": curves.place(key),
+                "row": [[i, dyadic(r)] for i, r in row.items()],
+                "channels": [c for c, _ in group.members],
+                "densities": densities,
+            }
+        )
+        facts += [[g, k, j, tau] for k, j, tau in stored["products"]]
+    rated = claim in ("E", "R")
+    regional = claim == "R"
+    draft = {
+        "format": FORMAT,
+        "claim": CLAIMS[claim],
+        **{name: content[name] for name in ("statement", "model_sha256", "model", "operating_point")},
+        "curves": curves.listed,
+        "points": points,
+        "facts": {"value": facts, "one_signed": [], "difference": [], "constant": []},
+        "P": content["P"],
+        "gamma": content["gamma"],
+        "deviations": [],
+        "dropped": content["dropped"],
+        "spanning": _spanning(content, model, points),
+        "kappa": content["kappa"] if rated else [0, 0],
+        "p": content["p"] if rated else [0, 0],
+        "strips": _strips(content, model) if regional else [],
+        "level": content["level"] if regional else [0, 0],
+        "input_bound": content["input_bound"] if regional else [0, 0],
+        "outputs": [],
+        "proof": {"P": [], "M": [], "V": None},
+    }
+    return with_proof(draft)
+
+
+def with_proof(draft: dict[str, Any]) -> dict[str, Any]:
+    """Return a content with factors for its matrices."""
+    ledger = read_ledger(draft)
+    matrices, n = assemble(ledger), ledger.model.n
+    kept = [i for i in range(matrices.M.height) if i not in set(ledger.dropped)]
+    states = [i for i in kept if i < n]
+    lower = matrices.Pt + diagonal([-ledger.p] * n)
+    bounding = ledger.claim == "region" or ledger.outputs
+    proof = {
+        "P": factor(floats(lower.kept(states, states))),
+        "M": factor(floats(matrices.M.kept(kept, kept))),
+        "V": factor(floats(matrices.Pt)) if bounding else None,
+    }
+    return draft | {"proof": proof}
+
+
+def floats(M: Matrix) -> np.ndarray:
+    """Return an exact matrix in floating point."""
+    rows = [[float(Fraction(int(v), 1 << M.exponent)) for v in line] for line in M.entries.table()]
+    return np.array(rows, float).reshape(M.height, M.width)
+
+
+def _dyadic_row(
+    row: dict[int, Fraction], alphas: list[Fraction]
+) -> tuple[Fraction, dict[int, Fraction], list[Fraction]]:
+    """Return k, r/k and the factors times k, all dyadic: r/k is r itself where it can be."""
+    if all(alpha.denominator & (alpha.denominator - 1) == 0 for alpha in alphas) or not row:
+        return Fraction(1), row, alphas
+    common = gcd(*(value.numerator for value in row.values()))
+    k = Fraction(common)
+    return k, {i: value / k for i, value in row.items()}, [alpha * k for alpha in alphas]
+
+
+def _curve_key(content, model: Model, row, group, alphas, stored, scale: Fraction) -> CurveKey:  # type: ignore[no-untyped-def]
+    rated, claim = content["claim"] in ("E", "R"), content["claim"]
+    shift, domain = None, None
+    point = content["operating_point"]
+    if point is not None:
+        center = sum((r * (_read(point["x"][i]) - model.x_ref[i]) for i, r in row.items()), _ZERO)
+        shift = (center, sum((abs(r) for r in row.values()), _ZERO) * _read(point["radius"]))
+    if claim == "R":
+        box = _relative_box(content, model)
+        sides = [sorted((r * box[i][0], r * box[i][1])) for i, r in row.items()]
+        domain = (
+            (sum((s[0] for s in sides), _ZERO), sum((s[1] for s in sides), _ZERO))
+            if sides
+            else (Fraction(-1), Fraction(1))
+        )
+    forms = []
+    for k, (pairs, mu) in enumerate(zip(stored["forms"], stored["mu"], strict=True)):
+        form = tuple(_read(v) for v in pairs)
+        form = (form[0] * scale, *form[1:])
+        c = _read(stored["integral"][k]) if rated and mu[0] else None
+        d = _read(stored["quadratic"][k]) * scale if claim == "R" and mu[0] and stored["quadratic"][k] else _ZERO
+        forms.append((form, c, d, claim == "M" and bool(mu[0])))
+    functions = tuple((model.channels[c].text, alpha) for (c, _), alpha in zip(group.members, alphas, strict=True))
+    return CurveKey(functions, shift, domain, tuple(forms))
+
+
+def _relative_box(content: dict[str, Any], model: Model) -> list[tuple[Fraction, Fraction]]:
+    point = content["operating_point"]
+    center = model.x_ref if point is None else [_read(v) for v in point["x"]]
+    radius = _ZERO if point is None else _read(point["radius"])
+    return [
+        (_read(lo) - x + radius, _read(hi) - x - radius) for (lo, hi), x in zip(content["box"], center, strict=True)
+    ]
+
+
+def _strips(content: dict[str, Any], model: Model) -> list[Any]:
+    box = _relative_box(content, model)
+    return [[[[i, [1, 0]]], dyadic(lo), dyadic(hi)] for i, (lo, hi) in enumerate(box)]
+
+
+def _spanning(content: dict[str, Any], model: Model, points: list[dict[str, Any]]) -> list[list[int]]:
+    if not any(i < model.n for i in content["dropped"]):
+        return []
+    dropped, found = set(content["dropped"]), []
+    for p, (point, stored) in enumerate(zip(points, content["groups"], strict=True)):
+        for k, _ in point["densities"]:
+            form = stored["forms"][k]
+            reads = {model.n + c for c, v in zip(point["channels"], form[1:], strict=True) if v[0]}
+            reads |= {i for i, _ in point["row"]} if form[0][0] else set()
+            if not reads & dropped:
+                found.append([p, k])
+                break
+    return found

@@ -1,0 +1,124 @@
+"""Partitions: where a lemma about one function is cut, so that the checker proves it piece by piece without a search.
+
+The search is here. Pieces are bisected until the checker's own evaluation of a piece succeeds; a point where it fails
+ends the search.
+"""
+
+from fractions import Fraction
+from itertools import pairwise
+
+from persid_check.enclosure import UndefinedError, between, value
+from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, variable
+
+GERMS = tuple(Fraction(2) ** k for k in (20, 8, 6, 4, 3, 2, 1, 0, -1, -2, -3, -4, -6, -8, -12, -18, -24))
+TAILS = tuple(Fraction(2) ** k for k in (-1, 0, 1, 2, 3, 4, 6, 8, 12, 20))
+PIECES = 3000  # of a partition
+FINEST = Fraction(1, 2**40)
+_ZERO = Fraction(0)
+
+
+def cuts_of(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+    """Return cuts on which the checker proves a lemma, None where none are found."""
+    low, high = lemma.centre or (_ZERO, _ZERO)
+    ends = _ends(lemma) if domain is None else (low + domain[0], high + domain[1])
+    if ends is None:
+        return None
+    germ = _germ(lemma, ends, low, high)
+    if germ is None:
+        return None
+    left, right = _bisected(lemma, ends[0], germ[0]), _bisected(lemma, germ[-1], ends[1])
+    if left is not None and right is not None:
+        cuts = tuple(sorted({*left, *germ, *right}))
+        return cuts if lemma.unproved(cuts, domain) is None else None
+    return _equal(lemma, ends, domain) if lemma.kind in SUMMED else None
+
+
+def _equal(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+    """Return equal pieces, few enough, for a quantity that falls below 0 where it rose before."""
+    low, high = lemma.centre or (_ZERO, _ZERO)
+    for count in (16, 64, 256, 1024):
+        left = [low - (low - ends[0]) * k / count for k in range(0 if low == high else 1, count + 1)]
+        right = [high + (ends[1] - high) * k / count for k in range(1, count + 1)]
+        cuts = (*left[::-1], *right)
+        if lemma.unproved(cuts, domain) is None:
+            return cuts
+    return None
+
+
+def _ends(lemma: Lemma) -> tuple[Fraction, Fraction] | None:
+    """Return the nearest cuts beyond which the tails are proved and inside which all centres lie."""
+    low, high = lemma.centre or (_ZERO, _ZERO)
+    right = next((Y for Y in TAILS if high < Y and lemma.holds_beyond(Y, 1)), None)
+    left = next((Y for Y in TAILS if low > -Y and lemma.holds_beyond(Y, -1)), None)
+    return None if left is None or right is None else (-left, right)
+
+
+def _germ(lemma: Lemma, ends: tuple[Fraction, Fraction], low: Fraction, high: Fraction) -> Cuts | None:
+    """Return the cuts about the centre, (or about 0, for a kind that has no centre): as far as they go."""
+    if lemma.kind in SLOPES or lemma.kind == "one-signed" or low == high:
+        middle = _ZERO if lemma.kind in SLOPES or low != high else low
+        if not ends[0] < middle < ends[1]:
+            return (ends[0], ends[0])
+        left = next((h for h in GERMS if middle - h > ends[0] and lemma.holds_on(middle - h, middle)), None)
+        right = next((h for h in GERMS if middle + h < ends[1] and lemma.holds_on(middle, middle + h)), None)
+        left = middle - ends[0] if lemma.holds_on(ends[0], middle) else left
+        right = ends[1] - middle if lemma.holds_on(middle, ends[1]) else right
+        return (middle - (left or 0), middle, middle + (right or 0))
+    for h in GERMS:
+        pair = (max(low - h, ends[0]), min(high + h, ends[1]))
+        if lemma.holds_on(*pair):
+            return pair
+    return None
+
+
+def _bisected(lemma: Lemma, a: Fraction, b: Fraction) -> list[Fraction] | None:
+    if a >= b:
+        return [a]
+    cuts, pieces = [a], [(a, b)]
+    pieces = [*_powers(a, b)][::-1]
+    while pieces:
+        lo, hi = pieces.pop()
+        if lemma.holds_on(lo, hi):
+            cuts.append(hi)
+            continue
+        middle = (lo + hi) / 2
+        if len(cuts) + len(pieces) > PIECES or hi - lo < (b - a) * FINEST or not lemma.holds_on(middle, middle):
+            return None
+        pieces += [(middle, hi), (lo, middle)]
+    return cuts
+
+
+def _powers(a: Fraction, b: Fraction) -> list[tuple[Fraction, Fraction]]:
+    """Cut [a, b] at powers of two, where kinks like to be."""
+    inner = [s * Fraction(2) ** k for k in range(-4, 21) for s in (1, -1)]
+    cuts = [a, *sorted(c for c in inner if a < c < b), b]
+    return list(pairwise(cuts))
+
+
+def cuts_of_continuity(functions: Functions, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+    """Return cuts on which every function is proved continuous; `domain` is absolute."""
+    ends = domain
+    if ends is None:
+        reach = next((Y for Y in TAILS if all(_runs(functions, variable(Y, s, inverse=False)) for s in (1, -1))), None)
+        if reach is None:
+            return None
+        ends = (-reach, reach)
+    cuts, pieces = [ends[0]], [ends]
+    while pieces:
+        lo, hi = pieces.pop()
+        if _runs(functions, between(lo, hi)):
+            cuts.append(hi)
+            continue
+        if len(cuts) > PIECES or hi - lo < (ends[1] - ends[0]) * FINEST:
+            return None
+        pieces += [((lo + hi) / 2, hi), (lo, (lo + hi) / 2)]
+    return tuple(cuts)
+
+
+def _runs(functions: Functions, y) -> bool:  # type: ignore[no-untyped-def]
+    try:
+        for program, alpha in functions:
+            value(program, y.constant(alpha) * y)
+    except UndefinedError:
+        return False
+    return True

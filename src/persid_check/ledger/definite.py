@@ -1,0 +1,55 @@
+"""Positive definite, exactly: C = T M T' strictly diagonally dominant; and bounds of r'M^-1 r from the same C.
+
+Section 6 of the specification. T is untrusted: lower triangular rows of integers.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from flint import fmpz_mat
+
+from persid_check.exact import Matrix
+
+Factor = Sequence[Sequence[int]]
+
+
+@dataclass(frozen=True)
+class Definite:
+    """A proof that M > 0: T, and the gaps delta_i > 0 with T M T' >= diag(delta)."""
+
+    factor: Factor
+    gaps: tuple[Fraction, ...]
+
+    def bound(self, row: Mapping[int, Fraction]) -> Fraction:
+        """Return a number >= r'M^-1 r, which is (T r)'C^-1 (T r)."""
+        total = Fraction(0)
+        for line, gap in zip(self.factor, self.gaps, strict=True):
+            entry = sum((line[j] * r for j, r in row.items() if j < len(line)), Fraction(0))
+            total += entry * entry / gap
+        return total
+
+
+def proof_of(M: Matrix, T: Factor) -> Definite | None:
+    """Return the proof that M > 0, None where T does not give one."""
+    size = M.height
+    if M.width != size or len(T) != size or any(len(row) != i + 1 for i, row in enumerate(T)):
+        return None
+    if M.entries != M.entries.transpose():
+        return None
+    if not size:
+        return Definite((), ())
+    factor = Matrix(fmpz_mat(size, size, [v for i, row in enumerate(T) for v in (*row, *(0,) * (size - 1 - i))]), 0)
+    C = factor * M * factor.T
+    rows = C.entries.table()
+    heads = [int(rows[i][i]) for i in range(size)]
+    if any(head <= 0 for head in heads):
+        return None
+    halves = [head.bit_length() // 2 for head in heads]  # D = diag(2**-half) brings the diagonal of C near 1
+    top = max(halves)
+    sizes = fmpz_mat(size, size, [abs(value) for row in rows for value in row])
+    sums = (sizes * fmpz_mat(size, 1, [1 << (top - half) for half in halves])).table()
+    gaps = [(2 * heads[i] << top) - (int(sums[i][0]) << halves[i]) for i in range(size)]
+    if any(gap <= 0 for gap in gaps):
+        return None
+    return Definite(T, tuple(Fraction(gap, 1 << (top + C.exponent)) for gap in gaps))

@@ -1,0 +1,184 @@
+"""The checker's own sentences on the ledger: what was proved, and the proof in the order of the specification."""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+
+from persid_check.ledger.theorem import Proved, strips
+from persid_check.ledger.values import Ledger, Row
+from persid_check.sentences import SHOWN, counted, decimal, root
+
+_ZERO = Fraction(0)
+
+
+def statement(ledger: Ledger, proved: Proved) -> str:
+    """Return the sentences of a claim."""
+    model = ledger.model
+    names = ", ".join(repr(name) for name in model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
+    subject = f"the model with states {names} ({model.n}), {counted(model.m, 'input')} and SHA-256 {ledger.sha256}"
+    if ledger.deviations:
+        subject = f"every plant within the stated deviations of {subject}"
+    first = f"{subject[0].upper()}{subject[1:]} is {_kind(ledger)} {_place(ledger)}."
+    parts = [first, *_estimate(ledger, proved)]
+    if ledger.deviations:
+        parts.append(_plants(ledger))
+    parts += list(_outputs(ledger))
+    if proved.everywhere:
+        parts.append("The same holds, with the same numbers, about every equilibrium of every constant input.")
+    if proved.incremental:
+        parts.append(
+            f"For any two solutions x, x~ with inputs u, u~: |x(t) - x~(t)| <= {_start(ledger, 'V(x(0) - x~(0))')}"
+            f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} for all t >= 0, V(d) = d'P d."
+        )
+    return " ".join(parts)
+
+
+def _kind(ledger: Ledger) -> str:
+    """Stable, or practically so where something stays even without inputs."""
+    spread = ledger.claim == "practical" or any(deviation.epsilon for deviation in ledger.deviations)
+    scope = "in a region" if ledger.claim == "region" else "globally"
+    return f"{scope} {'practically ' if spread else ''}input-to-state stable"
+
+
+def _numbers(values: Sequence[Fraction]) -> str:
+    shown = []
+    for value in values[:SHOWN]:
+        low, high = decimal(value, up=False), decimal(value)
+        shown.append(low if low == high else f"~{low}")
+    return f"({', '.join(shown)}{', ...' if len(values) > SHOWN else ''})"
+
+
+def _place(ledger: Ledger) -> str:
+    ball, model = ledger.ball, ledger.model
+    if ball is not None:
+        where = (
+            f"within {decimal(ball.radius)} of {_numbers(ball.x)}" if ball.radius else f"= {_numbers(ball.x)} exactly"
+        )
+        return f"about the one equilibrium x* {where} for the constant input u* = {_numbers(ball.u)}"
+    name = "" if ledger.claim == "practical" else "x* = "
+    where = f"about {name}x_ref = {_numbers(model.x_ref)} for u* = u_ref = {_numbers(model.u_ref)}"
+    return f"{where}, with the constant b counted as one more input that is held at 1" if ledger.counts_b else where
+
+
+def _start(ledger: Ledger, V: str = "V(x(0))") -> str:
+    return f"{root(1 / ledger.p)} sqrt({V}) exp(-{decimal(ledger.kappa / 2, up=False)} t)"
+
+
+def _gain(ledger: Ledger, unit: Fraction, size: str | None = None) -> str:
+    """The inputs' part of an estimate of the square root of `unit` / kappa times V."""
+    whole = "|(u - u*, 1)|" if ledger.counts_b else "|u - u*|"
+    if isinstance(ledger.gamma, Fraction):
+        return f"{root(ledger.gamma / unit)} sup{size or whole}"
+    names = [f"sup|{name!r}{' difference' if size else f' - u{i}*'}|" for i, name in enumerate(ledger.model.inputs, 1)]
+    names += ["1"] * (ledger.counts_b and size is None)
+    return " + ".join(f"{root(row[-1] / unit)} {name}" for row, name in zip(ledger.gamma, names, strict=False))
+
+
+def _spread(ledger: Ledger, unit: Fraction) -> str:
+    sizes = [deviation.s * deviation.epsilon**2 for deviation in ledger.deviations if deviation.epsilon]
+    return "".join(f" + {root(size / unit)}" for size in sizes)
+
+
+def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
+    if ledger.claim == "iss":
+        return []
+    unit = ledger.kappa * ledger.p
+    if ledger.claim == "practical":
+        return [_finally(ledger, proved)]
+    bound = f"|x(t) - x*| <= {_start(ledger)} + {_gain(ledger, unit)}{_spread(ledger, unit)} for all t >= 0"
+    if ledger.claim == "rate-and-gain":
+        return [f"{bound}."]
+    found = strips(ledger)
+    sides = " and ".join(_strip(*strip) for strip in found[:SHOWN])
+    sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
+    return [
+        f"The set of x with {sides or 'no strip'} and V(x) <= {_marked(ledger.level)} is invariant for inputs"
+        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every x(0) in it {bound}."
+    ]
+
+
+def _strip(row: Row, lo: Fraction, hi: Fraction) -> str:
+    """One strip in words; ends are rounded inwards, so that the set named lies in the set proved invariant."""
+    terms = " + ".join(f"{decimal(r)} (x{i + 1} - x{i + 1}*)" for i, r in list(row.items())[:SHOWN]) or "0"
+    more = " + ..." if len(row) > SHOWN else ""
+    return f"{_marked(lo)} <= {terms}{more} <= {_marked(hi)}"
+
+
+def _marked(value: Fraction) -> str:
+    low, high = decimal(value, up=False), decimal(value)
+    return low if low == high else f"~{low}"
+
+
+def _finally(ledger: Ledger, proved: Proved) -> str:
+    matrices, rest = proved.assembly, _ZERO
+    rest += sum((deviation.s * deviation.epsilon**2 for deviation in ledger.deviations), _ZERO)
+    rest += matrices.supply + ledger.kappa * matrices.above
+    constant = (rest / ledger.kappa + matrices.below) / ledger.p
+    inputs = _gain(ledger, ledger.kappa * ledger.p)
+    return (
+        f"|x(t) - x_ref|^2 <= {decimal(1 / ledger.p)} max(V(x(0)), 0) exp(-{decimal(ledger.kappa, up=False)} t)"
+        f" + ({inputs})^2 + {decimal(constant)} for all t >= 0."
+    )
+
+
+def _plants(ledger: Ledger) -> str:
+    known = "|w|^2 <= zeta'C zeta + epsilon^2 with the C and epsilon of the file"
+    return (
+        f"The deviations are x' = F(x, u) + sum L w(t), {len(ledger.deviations)} of them, each {known}."
+        " That a plant obeys these bounds is assumed, not proved."
+    )
+
+
+def _outputs(ledger: Ledger) -> Iterator[str]:
+    for output in ledger.outputs[:SHOWN]:
+        terms = " + ".join(f"{_marked(r)} (x{i + 1} - x{i + 1}*)" for i, r in list(output.row.items())[:SHOWN]) or "0"
+        direct = "".join(f" + {_marked(d)} (u{i + 1} - u{i + 1}*)" for i, d in enumerate(output.direct) if d)
+        size = sum((abs(d) for d in output.direct), _ZERO)
+        bound = output.bound
+        start = f"{root(bound)} sqrt(V(x(0))) exp(-{decimal(ledger.kappa / 2, up=False)} t)"
+        inputs = _gain(ledger, ledger.kappa / bound) if bound > 0 else "0"
+        spread = _spread(ledger, ledger.kappa / bound) if bound > 0 else ""
+        through = f" + {decimal(size)} sup|u - u*|" if size else ""
+        yield f"|{terms}{direct}| <= {start} + {inputs}{spread}{through}."
+
+
+def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
+    """Return the proof as short lines, in the order of the specification."""
+    model, lines = ledger.model, []
+    lines.append(f"1. The hash agrees; {model.n} states, {len(model.channels)} channels, {ledger.inputs} inputs.")
+    if ledger.ball is not None:
+        how = "Krawczyk's operator" if ledger.ball.radius else "Exact evaluation"
+        lines.append(f"1. {how} proves exactly one equilibrium in the ball.")
+    for i, curve in enumerate(ledger.curves):
+        lines.append(f"2. Curve {i}: {len(curve.functions)} functions, continuous; centre {_centre(curve.shift)}.")
+        for k, form in enumerate(curve.forms):
+            lines.append(f"2. Curve {i}, form {k} = {_numbers(form.l)}: {form.kind}, {len(form.cuts) - 1} pieces.")
+    counts = {kind: sum(1 for fact in ledger.facts if fact.kind == kind) for kind in _FACTS}
+    lines += [f"3. {counts[kind]} facts, {words}." for kind, words in _FACTS.items() if counts[kind]]
+    densities = sum(len(point.densities) for point in ledger.points)
+    lines.append(f"4. V = x'P x + {densities} integrals; V >= x'Pt x, Pt assembled exactly.")
+    if ledger.dropped:
+        lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
+    lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")
+    lines.append("6. Pt - p I > 0 in the same way." if ledger.p else "6. Pt > 0 in the same way.")
+    lines.append(f"7. {_CONCLUSIONS[ledger.claim]}")
+    return tuple(lines)
+
+
+_FACTS = {
+    "value": "products of two sector forms at one point",
+    "one_signed": "products of two one-signed forms",
+    "difference": "products of two nondecreasing forms of a difference of two points",
+    "constant": "products of two forms with a constant",
+}
+_CONCLUSIONS = {
+    "iss": "So V' <= -t |x|^2 + v'Gamma v + ...: V is an ISS-Lyapunov function.",
+    "rate-and-gain": "So V' <= -kappa V + v'Gamma v + ..., and V >= p |x|^2: integrate.",
+    "region": "The level stays off every face (bound of section 6), and its set is invariant for such inputs.",
+    "practical": "So V' <= -kappa V + S, and p |x|^2 <= V + o_V: integrate.",
+}
+
+
+def _centre(shift: tuple[Fraction, Fraction] | str | None) -> str:
+    if isinstance(shift, tuple):
+        return f"within {decimal(shift[1])} of {_marked(shift[0])}"
+    return "0, nothing subtracted" if shift is None else "any"

@@ -1,0 +1,372 @@
+"""The theorem of the ledger: every hypothesis is proved here, in the order of the specification (docs/ledger.md)."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from flint import fmpq, fmpq_mat
+
+from persid_check.equilibrium import has_unique_equilibrium
+from persid_check.exact import Matrix, diagonal
+from persid_check.ledger.assembly import Assembly, assemble
+from persid_check.ledger.definite import Definite, proof_of
+from persid_check.ledger.lemmas import Lemma, Product, discontinuous, is_odd, vanishes
+from persid_check.ledger.values import Curve, Fact, Form, Ledger, Point, Row
+from persid_check.results import NotProvedError
+
+SQUARINGS = 4  # Gamma^16: its trace bounds the 16th power of the largest eigenvalue
+RISING = ("nondecreasing", "rising")
+_ZERO, _HALF, _ONE = Fraction(0), Fraction(1, 2), Fraction(1)
+
+
+@dataclass(frozen=True)
+class Proved:
+    """What was proved beside the claim: two further sentences, and the matrices."""
+
+    incremental: bool
+    everywhere: bool
+    kept: tuple[int, ...]
+    assembly: Assembly
+
+
+def prove(ledger: Ledger) -> Proved:
+    """Return what is proved, or raise NotProvedError."""
+    _numbers(ledger)
+    _equilibrium(ledger)
+    for i, curve in enumerate(ledger.curves):
+        _curve(f"curves[{i}]", curve)
+    for p in range(len(ledger.points)):
+        _point(ledger, p)
+    _every_channel_stands(ledger)
+    for i, fact in enumerate(ledger.facts):
+        _fact(ledger, fact, f"facts: the {i + 1}th, {fact.kind}")
+    for p, point in enumerate(ledger.points):
+        _densities(ledger, p, point)
+    _domains(ledger)
+    matrices = assemble(ledger)
+    kept = _rows_kept(ledger, matrices)
+    if proof_of(matrices.M.kept(kept, kept), ledger.proof["M"]) is None:
+        raise NotProvedError("proof.M", "the matrix inequality is not proved")
+    _lyapunov(ledger, matrices, kept)
+    _bounds(ledger, matrices)
+    return Proved(_is_incremental(ledger), _holds_everywhere(ledger, kept), kept, matrices)
+
+
+def _numbers(ledger: Ledger) -> None:
+    """The constants have the signs that the claim needs."""
+    rated = ledger.claim != "iss"
+    if rated and not (ledger.kappa > 0 and ledger.p > 0):
+        raise NotProvedError("kappa, p", "they must be positive")
+    if not rated and (ledger.kappa or ledger.p):
+        raise NotProvedError("kappa, p", "claim iss has none: both are 0")
+    if isinstance(ledger.gamma, Fraction) and ledger.gamma <= 0:  # a matrix is proved positive with M
+        raise NotProvedError("gamma", "it must be positive")
+    if any(deviation.s <= 0 for deviation in ledger.deviations):
+        raise NotProvedError("deviations", "each multiplier s must be positive")
+    regional = ledger.claim == "region"
+    if regional and not (ledger.level > 0 and ledger.input_bound >= 0):
+        raise NotProvedError("level, input_bound", "a level is positive, a bound is not negative")
+    if not regional and (ledger.strips or ledger.level or ledger.input_bound):
+        raise NotProvedError("strips, level, input_bound", "only claim region has them")
+    if ledger.outputs and ledger.claim not in ("rate-and-gain", "region"):
+        raise NotProvedError("outputs", "they need the claim rate-and-gain or region")
+
+
+def _equilibrium(ledger: Ledger) -> None:
+    ball = ledger.ball
+    if ball is None:
+        if ledger.claim == "region" and any(ledger.model.b):
+            raise NotProvedError("operating_point", "a region needs an equilibrium, and b is not zero at the reference")
+    elif ledger.claim == "practical":
+        raise NotProvedError("operating_point", "claim practical is about x_ref: null is needed")
+    elif not has_unique_equilibrium(ledger.model, ball.x, ball.radius, ball.u):
+        raise NotProvedError("operating_point", "no proof that exactly one equilibrium lies in the ball")
+
+
+def _curve(where: str, curve: Curve) -> None:
+    """Every function is continuous, and each form is what the file says, on the domain, for every possible centre."""
+    domain, centre = curve.domain, None if isinstance(curve.shift, str) else curve.shift
+    if domain is not None and not domain[0] < 0 < domain[1]:
+        raise NotProvedError(f"{where}.domain", "0 must lie inside")
+    if curve.shift == "any" and domain is not None:
+        raise NotProvedError(f"{where}.domain", "with any centre it is all of R")
+    middle, radius = centre or (_ZERO, _ZERO)
+    ends = None if domain is None else (middle - radius + domain[0], middle + radius + domain[1])
+    if reason := discontinuous(curve.functions, curve.continuous, ends):
+        raise NotProvedError(f"{where}.continuous", f"no proof that the functions are continuous: {reason}")
+    for k, form in enumerate(curve.forms):
+        _form(f"{where}.forms[{k}]", curve, form)
+    for j, product in enumerate(curve.products):
+        if curve.shift is not None or domain is not None:
+            raise NotProvedError(f"{where}.products[{j}]", "a product with a constant is not shifted, and on all of R")
+        lemma = Product(curve.functions, (curve.forms[product.k].l, curve.forms[product.q].l), product.c)
+        if reason := lemma.unproved(product.cuts):
+            raise NotProvedError(f"{where}.products[{j}]", f"it is not proved: {reason}")
+
+
+def _form(where: str, curve: Curve, form: Form) -> None:
+    if curve.shift == "any" and form.kind not in RISING:
+        raise NotProvedError(where, "with any centre a form is nondecreasing or rising")
+    if reason := _lemma(curve, form, form.kind, allowance=form.offset).unproved(form.cuts, curve.domain):
+        raise NotProvedError(where, f"no proof that it is {form.kind}: {reason}")
+    upper = form.upper
+    if upper is not None and not _is_free(curve, form):
+        if upper.cuts is None:
+            raise NotProvedError(f"{where}.upper", "such a bound needs cuts")
+        if curve.shift == "any":
+            raise NotProvedError(f"{where}.upper", "with any centre the bound is c >= 1, or 1/2 for a multiple of y")
+        lemma = _lemma(curve, form, "upper", c=upper.c, allowance=upper.e)
+        if reason := lemma.unproved(upper.cuts, curve.domain):
+            raise NotProvedError(f"{where}.upper", f"the bound of the integral is not proved: {reason}")
+    if form.lower is not None:
+        d, j = form.lower
+        other = curve.forms[j]
+        if (form.l[0] - d, *form.l[1:]) != other.l or not (_is_sector(curve, other) or other.kind == "offset"):
+            raise NotProvedError(f"{where}.lower", "form j must be l - d e_0, a sector form or one with an offset")
+
+
+def _lemma(curve: Curve, form: Form, kind: str, **numbers: Fraction) -> Lemma:
+    centre = None
+    if isinstance(curve.shift, tuple):
+        center, radius = curve.shift
+        centre = (center - radius, center + radius)
+    return Lemma(curve.functions, form.l, kind, centre, **numbers)
+
+
+def _is_free(curve: Curve, form: Form) -> bool:
+    """Whether a bound of the integral needs no proof: c >= 1 of a nondecreasing form, c >= 1/2 of a multiple of y."""
+    upper = form.upper
+    if upper is None or upper.cuts is not None:
+        return False
+    if not any(form.l[1:]) and form.l[0] >= 0 and upper.c >= _HALF:
+        return True
+    return form.kind in RISING and upper.c >= 1 and _rests(curve, form)
+
+
+def _rests(curve: Curve, form: Form) -> bool:
+    """Whether l'Phi(0) = 0: by itself where something is subtracted, else by exact evaluation."""
+    return curve.shift is not None or vanishes(curve.functions, form.l)
+
+
+def _is_sector(curve: Curve, form: Form) -> bool:
+    if form.kind in ("sector", "growing"):
+        return True
+    return form.kind in RISING and _rests(curve, form)
+
+
+def _point(ledger: Ledger, p: int) -> None:
+    """The channels are the functions of the curve on multiples of the row; the centre is a possible one."""
+    point, where = ledger.points[p], f"points[{p}]"
+    curve = ledger.curves[point.curve]
+    for c, (program, alpha) in zip(point.channels, curve.functions, strict=True):
+        channel = ledger.model.channels[c]
+        if channel.program != program:
+            raise NotProvedError(where, f"channel {c} has another function")
+        if {i: r for i, r in channel.row.items() if r} != {i: alpha * r for i, r in point.row.items()}:
+            raise NotProvedError(where, f"the row of channel {c} is not the multiple of the point's row")
+    if (curve.shift is None) != (ledger.ball is None):
+        raise NotProvedError(where, "the curve is shifted exactly where there is an operating point")
+    if isinstance(curve.shift, tuple):
+        center, radius = centre(ledger, point)
+        if abs(center - curve.shift[0]) + radius > curve.shift[1]:
+            raise NotProvedError(where, "its centre is not within the curve's")
+
+
+def centre(ledger: Ledger, point: Point) -> tuple[Fraction, Fraction]:
+    """Return the ball of r_p'(x* - x_ref)."""
+    ball = ledger.ball
+    if ball is None:
+        return _ZERO, _ZERO
+    middle = sum((r * (ball.x[i] - ledger.model.x_ref[i]) for i, r in point.row.items()), _ZERO)
+    return middle, ball.radius * sum((abs(r) for r in point.row.values()), _ZERO)
+
+
+def _every_channel_stands(ledger: Ledger) -> None:
+    missing = set(range(len(ledger.model.channels))) - {c for point in ledger.points for c in point.channels}
+    if missing:
+        raise NotProvedError("points", f"channel {min(missing)} stands at no point, so it is not proved continuous")
+
+
+def _fact(ledger: Ledger, fact: Fact, where: str) -> None:
+    """The two rows have the sign that the kind of fact says."""
+    points = ledger.points[fact.p], ledger.points[fact.q]
+    curves = [ledger.curves[point.curve] for point in points]
+    if fact.kind == "constant":
+        if ledger.claim != "practical":
+            raise NotProvedError(where, "constants belong to claim practical")
+        return  # proved with its curve, which is not shifted and on all of R
+    forms = curves[0].forms[fact.k], curves[1].forms[fact.l]
+    if fact.kind == "value" and not all(_is_sector(curves[0], form) for form in forms):
+        raise NotProvedError(where, "both forms must be sector forms")
+    if fact.kind == "one_signed" and not all(form.kind == "one-signed" for form in forms):
+        raise NotProvedError(where, "both forms must be one-signed")
+    if fact.kind == "difference":
+        if points[0].curve != points[1].curve or not all(form.kind in RISING for form in forms):
+            raise NotProvedError(where, "two points of one curve and nondecreasing forms are needed")
+        _equal_centres(ledger, curves[0], points, fact.sign, where)
+
+
+def _equal_centres(ledger: Ledger, curve: Curve, points: tuple[Point, Point], sign: int, where: str) -> None:
+    balls = [centre(ledger, point) for point in points]
+    if any(radius for _, radius in balls) or balls[0] != balls[1]:
+        raise NotProvedError(where, "the two points are not proved to have the same centre")
+    if sign > 0:
+        if not is_odd(curve.functions) or balls[0][0]:
+            raise NotProvedError(where, "a sum needs odd functions that are not shifted")
+        if curve.domain is not None and curve.domain[0] != -curve.domain[1]:
+            raise NotProvedError(where, "a sum needs a symmetric domain")
+
+
+def _densities(ledger: Ledger, p: int, point: Point) -> None:
+    """Each density has an integral that is not negative, or offsets in claim practical."""
+    curve = ledger.curves[point.curve]
+    for k, mu in point.densities:
+        form, where = curve.forms[k], f"points[{p}].densities, form {k}"
+        if mu and form.lower is None and not (_is_sector(curve, form) or form.kind == "offset"):
+            raise NotProvedError(where, "a density is a sector form, or has an offset or a lower bound")
+        below = form.offset if form.lower is None else curve.forms[form.lower[1]].offset
+        above = _ZERO if form.upper is None else form.upper.e
+        if mu and ledger.claim != "practical" and (below or above):
+            raise NotProvedError(where, "offsets belong to claim practical")
+
+
+def _domains(ledger: Ledger) -> None:
+    if ledger.claim != "region" and any(ledger.curves[point.curve].domain for point in ledger.points):
+        raise NotProvedError("curves", "only claim region has functions on a domain")
+
+
+def _rows_kept(ledger: Ledger, matrices: Assembly) -> tuple[int, ...]:
+    """Every dropped entry has an exactly zero row in M; return the others, with v and w."""
+    dropped = set(ledger.dropped)
+    entries = matrices.M.entries
+    for i in ledger.dropped:
+        if any(entries[i, j] != 0 for j in range(matrices.M.width)):
+            raise NotProvedError("dropped", f"row {i} of M is not zero")
+    return tuple(i for i in range(matrices.M.height) if i not in dropped)
+
+
+def _lyapunov(ledger: Ledger, matrices: Assembly, kept: tuple[int, ...]) -> None:
+    """Pt - p I > 0; where states are dropped, P > 0 on the others, and they span with growing forms of V."""
+    n = ledger.model.n
+    states = [i for i in kept if i < n]
+    if len(states) < n:
+        _spanning(ledger, states, matrices.P)
+    elif ledger.spanning:
+        raise NotProvedError("spanning", "no state is dropped")
+    lower = matrices.Pt + diagonal([-ledger.p] * n)
+    if proof_of(lower.kept(states, states), ledger.proof["P"]) is None:
+        raise NotProvedError("proof.P", "the lower bound of V is not proved positive definite")
+
+
+def _spanning(ledger: Ledger, states: list[int], P: Matrix) -> None:
+    n, dropped = ledger.model.n, set(ledger.dropped)
+    if ledger.claim != "iss":
+        raise NotProvedError("dropped", "a state is dropped; only claim iss may do so")
+    if any(P.entries[i, j] != 0 for i in dropped if i < n for j in range(n)):
+        raise NotProvedError("dropped", "P has an entry at a dropped state")
+    if any(mu and ledger.curves[point.curve].forms[k].lower for point in ledger.points for k, mu in point.densities):
+        raise NotProvedError("dropped", "where states are dropped no density has a lower bound")
+    rows: list[Row] = [{i: _ONE} for i in states]
+    for p, k in ledger.spanning:
+        rows.append(_spanning_row(ledger, p, k, dropped))
+    flat = [fmpq(v.numerator, v.denominator) for row in rows for v in (row.get(i, _ZERO) for i in range(n))]
+    if fmpq_mat(len(rows), n, flat).rank() < n:
+        raise NotProvedError("spanning", "kept states and rows of growing forms do not span the state space")
+
+
+def _spanning_row(ledger: Ledger, p: int, k: int, dropped: set[int]) -> Row:
+    """The row of a point where form k is growing, in V, and reads no dropped entry."""
+    point = ledger.points[p]
+    curve = ledger.curves[point.curve]
+    form, n = curve.forms[k], ledger.model.n
+    grows = form.kind == "growing" or (form.kind == "rising" and _rests(curve, form))
+    if not grows or not any(mu and density == k for density, mu in point.densities):
+        raise NotProvedError("spanning", f"form {k} of point {p} is not growing, or not in V")
+    reads = {n + c for c, value in zip(point.channels, form.l[1:], strict=True) if value}
+    reads |= set(point.row) if form.l[0] else set()
+    if reads & dropped:
+        raise NotProvedError("spanning", f"form {k} of point {p} reads a dropped entry")
+    return point.row
+
+
+def _bounds(ledger: Ledger, matrices: Assembly) -> None:
+    """The region lies inside its strips and is invariant; outputs are bounded by V."""
+    if ledger.claim != "region" and not ledger.outputs:
+        return
+    bounding = proof_of(matrices.Pt, ledger.proof["V"])
+    if bounding is None:
+        raise NotProvedError("proof.V", "Pt is not proved positive definite")
+    if ledger.claim == "region":
+        _region(ledger, matrices, bounding)
+    for i, output in enumerate(ledger.outputs):
+        if bounding.bound(output.row) > output.bound:
+            raise NotProvedError(f"outputs[{i}]", "the bound is not proved")
+
+
+def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
+    """Return the strips lo <= r'x <= hi that X is made of."""
+    domains = [(point.row, ledger.curves[point.curve].domain) for point in ledger.points]
+    return [*((row, *domain) for row, domain in domains if domain is not None), *ledger.strips]
+
+
+def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
+    for row, lo, hi in strips(ledger):
+        h = min(-lo, hi)
+        if h <= 0:
+            raise NotProvedError("strips", "each strip holds 0 inside")
+        if ledger.level * bounding.bound(row) >= h * h:
+            raise NotProvedError("level", "the level set is not proved to stay off every face")
+    supply = sum((deviation.s * deviation.epsilon**2 for deviation in ledger.deviations), _ZERO)
+    room = ledger.kappa * ledger.level - supply
+    if room < 0 or _largest(ledger, matrices) * ledger.input_bound**32 > room**16:
+        raise NotProvedError("input_bound", "the region is not proved invariant for inputs of this size")
+
+
+def _largest(ledger: Ledger, matrices: Assembly) -> Fraction:
+    """Return at least the 16th power of Gamma's largest eigenvalue."""
+    if isinstance(ledger.gamma, Fraction):
+        return ledger.gamma**16
+    power = matrices.gamma
+    for _ in range(SQUARINGS):
+        power = power * power
+    return sum((power.entry(i, i) for i in range(power.height)), _ZERO)
+
+
+def _used(ledger: Ledger) -> list[tuple[Curve, Form]]:
+    """Return the forms of value facts and densities that count, with their curves."""
+    found = []
+    for fact in ledger.facts:
+        if fact.tau and fact.kind == "value":
+            curve = ledger.curves[ledger.points[fact.p].curve]
+            found += [(curve, curve.forms[k]) for k in (fact.k, fact.l)]
+    for point in ledger.points:
+        curve = ledger.curves[point.curve]
+        found += [(curve, curve.forms[k]) for k, mu in point.densities if mu]
+    return found
+
+
+def _only_values(ledger: Ledger) -> bool:
+    return not ledger.deviations and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
+
+
+def _is_incremental(ledger: Ledger) -> bool:
+    """Whether the estimate holds for the difference of any two solutions: V = x'P x and nondecreasing forms."""
+    if ledger.claim != "rate-and-gain" or not _only_values(ledger):
+        return False
+    no_density = not any(mu for point in ledger.points for _, mu in point.densities)
+    return no_density and all(form.kind in RISING for _, form in _used(ledger))
+
+
+def _holds_everywhere(ledger: Ledger, kept: tuple[int, ...]) -> bool:
+    """Whether nothing in the proof depends on the point."""
+    n = ledger.model.n
+    if ledger.claim not in ("iss", "rate-and-gain") or not _only_values(ledger) or len([i for i in kept if i < n]) < n:
+        return False
+    return all(form.kind in RISING and _keeps_bounds(curve, form) for curve, form in _used(ledger))
+
+
+def _keeps_bounds(curve: Curve, form: Form) -> bool:
+    """Whether the bounds of the integral hold about every centre: by monotony alone."""
+    least = _ONE if any(form.l[1:]) or form.l[0] < 0 else _HALF
+    if form.upper is not None and form.upper.c < least:
+        return False
+    return form.lower is None or curve.forms[form.lower[1]].kind in RISING

@@ -1,0 +1,152 @@
+"""The values of a ledger: what a certificate of format 2 says, each noun frozen (docs/ledger.md, section 8)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from persid_check.ledger.lemmas import Cuts, Functions
+from persid_check.model import Model
+
+Row = Mapping[int, Fraction]
+Factor = tuple[tuple[int, ...], ...]
+Lower = tuple[tuple[Fraction, ...], ...]
+
+
+@dataclass(frozen=True)
+class Upper:
+    """The integral of l'Phi is at most c s l'Phi + e; without cuts by a rule of the specification."""
+
+    c: Fraction
+    e: Fraction
+    cuts: Cuts | None
+
+
+@dataclass(frozen=True)
+class Form:
+    """A row l over (y, f_1, ..., f_J), what it is, and bounds of its integral; `lower` is (d, j)."""
+
+    l: tuple[Fraction, ...]  # noqa: E741 (the letter of the mathematics)
+    kind: str
+    cuts: Cuts
+    offset: Fraction
+    upper: Upper | None
+    lower: tuple[Fraction, int] | None
+
+
+@dataclass(frozen=True)
+class ProductForm:
+    """(l_k'phi)(l_q'phi) + c >= 0."""
+
+    k: int
+    q: int
+    c: Fraction
+    cuts: Cuts
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Functions f_j(a_j y), the possible centres (None, a ball (c, r), or "any"), the domain (None: R), its forms."""
+
+    functions: Functions
+    shift: tuple[Fraction, Fraction] | str | None
+    domain: tuple[Fraction, Fraction] | None
+    continuous: Cuts
+    forms: tuple[Form, ...]
+    products: tuple[ProductForm, ...]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A curve on a row of the states; the channels that are its functions; densities (form, mu)."""
+
+    curve: int
+    row: Row
+    channels: tuple[int, ...]
+    densities: tuple[tuple[int, Fraction], ...]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A multiple of the product of form k at point p and form l at point q.
+
+    sign 0: (l_k'Phi_p)(l_l'Phi_q); sign +1 or -1: both forms of Phi_p + sign Phi_q. `constant`: products[k] of p.
+    """
+
+    kind: str
+    p: int
+    q: int
+    sign: int
+    k: int
+    l: int  # noqa: E741
+    tau: Fraction
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """L w with |w|^2 <= zeta_0'C zeta_0 + epsilon^2, and its multiplier s."""
+
+    columns: tuple[Row, ...]
+    C: Mapping[tuple[int, int], Fraction]
+    s: Fraction
+    epsilon: Fraction
+
+
+@dataclass(frozen=True)
+class Output:
+    """y = row'x + direct'v with (row'x)^2 <= bound V."""
+
+    row: Row
+    direct: tuple[Fraction, ...]
+    bound: Fraction
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Exactly one equilibrium for the constant input u lies in |x* - x|_inf <= radius."""
+
+    x: tuple[Fraction, ...]
+    radius: Fraction
+    u: tuple[Fraction, ...]
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """A certificate of format 2. `P` and `gamma` are lower rows; P has one entry a row where it is diagonal."""
+
+    claim: str
+    sha256: str
+    form: Mapping[str, Any]
+    model: Model
+    ball: Ball | None
+    curves: tuple[Curve, ...]
+    points: tuple[Point, ...]
+    facts: tuple[Fact, ...]
+    diagonal: bool
+    P: Lower
+    gamma: Fraction | Lower
+    deviations: tuple[Deviation, ...]
+    dropped: tuple[int, ...]
+    spanning: tuple[tuple[int, int], ...]
+    kappa: Fraction
+    p: Fraction
+    strips: tuple[tuple[Row, Fraction, Fraction], ...]
+    level: Fraction
+    input_bound: Fraction
+    outputs: tuple[Output, ...]
+    proof: Mapping[str, Factor]
+
+    @property
+    def counts_b(self) -> bool:
+        """Whether b is one more input column, with the constant input 1."""
+        return self.ball is None and any(self.model.b)
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of (x, s)."""
+        return self.model.n + len(self.model.channels)
+
+    @property
+    def inputs(self) -> int:
+        """Number of entries of v."""
+        return self.model.m + self.counts_b

@@ -1,0 +1,374 @@
+"""Ledgers that must not be accepted, five at least for each kind of fact: known ledgers with some places changed."""
+
+import copy
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from checker import known_ledgers
+from checker.ledgers import data, number
+from persid.certificates.ledger import with_proof
+from persid.errors import RoundingError
+from persid_check import FormatError, model_sha256
+from persid_check.results import NotProvedError
+
+R, M = "Rejected", "Malformed"
+Edit = tuple[tuple[Any, ...], Any]
+
+
+@dataclass(frozen=True)
+class Falsehood:
+    """A file that must not be accepted."""
+
+    name: str
+    expected: str
+    why: str
+    content: Callable[[], bytes]
+
+
+def changed(base: str, edits: tuple[Edit, ...], *, refactored: bool = False) -> bytes:
+    """A known ledger with some places set; the hash fits, and `refactored` makes factors for the new matrices."""
+    content = copy.deepcopy(known_ledgers.load(base))
+    for path, value in edits:
+        at: Any = content
+        for key in path[:-1]:
+            at = at[key]
+        if value is GONE:
+            del at[path[-1]]
+        elif callable(value):
+            at[path[-1]] = value(at[path[-1]])
+        else:
+            at[path[-1]] = value
+    if any(path[0] == "model" for path, _ in edits) and refactored:
+        content["model_sha256"] = model_sha256(content["model"])
+    if refactored:
+        with suppress(RoundingError, FormatError, NotProvedError):  # then the factors stay as they are
+            content = with_proof(content)
+    return data(content)
+
+
+GONE = object()
+FALSEHOODS: list[Falsehood] = []
+
+
+def _set(name: str, base: str, expected: str, why: str, *edits: Edit) -> None:
+    FALSEHOODS.append(Falsehood(name, expected, why, lambda: changed(base, edits, refactored=expected == R)))
+
+
+def _l(k: int, *values: Any, curve: int = 0) -> Edit:
+    return (("curves", curve, "forms", k, "l"), [number(v) for v in values])
+
+
+def _is(k: int, kind: str, curve: int = 0) -> Edit:
+    return (("curves", curve, "forms", k, "is"), kind)
+
+
+def _f(text: str) -> tuple[Edit, ...]:
+    return (("model", "terms", 0, "f"), text), (("curves", 0, "functions", 0, 0), text)
+
+
+def _cuts(k: int, cuts: Any) -> Edit:
+    return (("curves", 0, "forms", k, "cuts"), cuts)
+
+
+# --- value facts and forms
+V = "rated"
+_set(
+    "sector_too_steep",
+    V,
+    R,
+    "tanh - 1.01 y has the wrong sign",
+    _l(0, -1.01, 1),
+    _is(0, "sector"),
+)
+_set("sector_negative", V, R, "-tanh is no sector form", _l(0, 0, -1))
+_set("sector_just_false", V, R, "y - 1.0001 tanh falls near 0", _l(1, 1, -1.0001), _is(1, "sector"))
+_set("cosine", V, R, "cos is no sector function", *_f("cos(x)"))
+_set("cosine_as_nondecreasing", V, R, "cos falls", *_f("cos(x)"), _is(0, "nondecreasing"))
+_set("not_at_rest", V, R, "tanh(x + 1) is nondecreasing and not 0 at 0", *_f("tanh(x+1)"))
+_set("one_over_x", V, R, "1/x is not continuous", *_f("1/x"))
+_set("root", V, R, "the root is not defined below 0", *_f("sqrt(x)"))
+_set("nondecreasing_sine", V, R, "sin falls from pi/2 on", *_f("sin(x)"))
+_set("cuts_that_skip", V, R, "cuts must hold 0 inside", _cuts(0, [0, [1, 2]]))
+_set("cuts_on_one_side", V, R, "cuts must hold 0 inside", _cuts(0, [0, [-4, 0]]))
+_set("cuts_fall", V, M, "cuts rise", _cuts(0, [0, [1, 0]]))
+_set("cuts_twice", V, M, "cuts rise strictly", _cuts(0, [0, [0, 0]]))
+_set("cuts_none", V, M, "there is one at least", _cuts(0, [0, []]))
+_set("cuts_float", V, M, "integers", _cuts(0, [0, [0.5, 1]]))
+_set("cuts_deep", V, M, "an exponent beyond all use", _cuts(0, [10**9, [-1, 1]]))
+_set(
+    "one_signed_in_a_value",
+    "one_signed",
+    R,
+    "a one-signed form is no sector form",
+    (("facts", "value", 0), [0, 2, 3, [1, 0]]),
+)
+_set("tau_negative", V, M, "a multiplier is negative", (("facts", "value", 0, 3), [-1, 0]))
+_set("form_beyond", V, M, "no such form", (("facts", "value", 0, 1), 9))
+_set("point_beyond", V, M, "no such point", (("facts", "value", 0, 0), 2))
+_set("growing_tanh", "m_cubes", R, "tanh does not grow", *_f("tanh(x)"))
+_set("growing_dead_zone", "m_cubes", R, "the dead zone rests", *_f("deadzone(x)"))
+_set("growing_one_sided", "m_cubes", R, "expm1 does not grow below", *_f("expm1(x)"))
+_set("spanning_sector", "m_cubes", R, "a sector form need not grow", _is(0, "sector"))
+_set("spanning_without", "m_cubes", R, "nothing spans", (("spanning",), []))
+_set("spanning_of_one", "m_cubes", R, "one of two rows", (("spanning",), lambda listed: listed[:1]))
+_set("spanning_no_density", "m_cubes", R, "mu = 0", (("points", 0, "densities", 0, 1), [0, 0]))
+_set("spanning_needless", V, R, "no state is dropped", (("spanning",), [[0, 0]]))
+
+# --- points
+_set("other_function", V, R, "the curve has another function", (("curves", 0, "functions", 0, 0), "sinh(x)"))
+_set("other_factor", V, R, "the row is not a multiple", (("curves", 0, "functions", 0, 1), [2, 0]))
+_set("negative_factor", V, M, "a factor is positive", (("curves", 0, "functions", 0, 1), [-1, 0]))
+_set("other_row", V, R, "the row of another channel", (("points", 0, "row"), [[1, [1, 0]]]))
+_set("other_channel", V, R, "the channel of another row", (("points", 0, "channels", 0), 1))
+_set("no_row", V, R, "an empty row", (("points", 0, "row"), []))
+_set(
+    "channel_nowhere",
+    V,
+    R,
+    "a channel without a point",
+    (("points", 1), lambda point: point | {"channels": [0], "row": [[0, [1, 0]]]}),
+)
+_set("shift_without_point", V, R, "no operating point, no shift", (("curves", 0, "shift"), [[0, 0], [0, 0]]))
+_set("any_without_point", V, R, "no operating point, no shift", (("curves", 0, "shift"), "any"))
+_set("shift_absent", "g_ball", R, "the curve is looked at about 0", (("curves", 0, "shift"), None))
+_set("shift_elsewhere", "g_ball", R, "the centre is not in the ball", (("curves", 0, "shift", 0), [4, 0]))
+_set("shift_too_narrow", "g_ball", R, "the ball is smaller than the equilibrium's", (("curves", 0, "shift", 1), [0, 0]))
+_set("shift_negative", "g_ball", M, "a radius is not negative", (("curves", 0, "shift", 1), [-1, 0]))
+_set("ball_elsewhere", "g_ball", R, "no equilibrium there", (("operating_point", "x", 0), [2, 0]))
+_set("ball_other_input", "g_ball", R, "the equilibrium of another input", (("operating_point", "u", 0), [2, 0]))
+_set("ball_exact", "g_ball", R, "the centre is no equilibrium exactly", (("operating_point", "radius"), [0, 0]))
+
+# --- integrals
+S = "spring"
+_set("upper_of_cube", S, R, "the integral of y^3 is y^4 / 4", (("curves", 0, "forms", 1, "upper", 0), [3, -4]))
+_set(
+    "upper_of_tanh",
+    V,
+    R,
+    "tanh needs 1",
+    (("curves", 0, "forms", 0, "upper"), [[3, -2], [0, 0], [0, [-8, -1, 0, 1, 8]]]),
+)
+_set("upper_unproved", S, R, "without cuts only c >= 1", (("curves", 0, "forms", 1, "upper", 2), None))
+_set("upper_missing", S, R, "kappa needs it", (("curves", 0, "forms", 1, "upper"), None))
+_set("upper_negative", S, M, "c is not negative", (("curves", 0, "forms", 1, "upper", 0), [-1, 0]))
+_set("upper_offset_in_rate", S, R, "offsets belong to practical", (("curves", 0, "forms", 1, "upper", 1), [1, 0]))
+_set("lower_of_sine", "region", R, "1 - cos y < 3/4 y^2", (("curves", 0, "forms", 1, "lower", 0), [3, -2]))
+_set("lower_other_form", "region", R, "form j is another one", (("curves", 0, "forms", 1, "lower", 1), 0))
+_set("lower_negative", "region", M, "d is not negative", (("curves", 0, "forms", 1, "lower", 0), [-1, 0]))
+_set("density_one_signed", "one_signed", R, "relu - y is no density", (("points", 0, "densities", 0), [3, [1, 0]]))
+_set("density_negative", V, M, "mu is not negative", (("points", 0, "densities", 0, 1), [-1, 0]))
+
+# --- differences
+D = "difference"
+_set("difference_of_sectors", D, R, "x^3 - 3x^2 + 2.5x is a sector form and not monotone",
+     *_f("x**3-3*x**2+2.5*x"), _is(0, "sector"))  # fmt: skip
+_set("difference_of_odd_cubic", D, R, "sin(x) + x/2 is no monotone function", *_f("sin(x)+x/2"))
+_set("sum_of_relu", D, R, "relu is not odd", *_f("relu(x)"))
+_set("sum_of_expm1", D, R, "expm1 is not odd", *_f("expm1(x)"))
+_set("difference_sign_0", D, M, "the sign is 1 or -1", (("facts", "difference", 0, 2), 0))
+_set("difference_sign_2", D, M, "the sign is 1 or -1", (("facts", "difference", 0, 2), 2))
+_set("difference_tau", D, M, "a multiplier is negative", (("facts", "difference", 0, 5), [-1, 0]))
+_set("difference_steep", D, R, "y - 1.001 tanh falls", _l(1, 1, -1.001))
+
+
+def _two_curves(content: Any) -> Any:
+    return [*content, copy.deepcopy(content[0])]
+
+
+_set(
+    "difference_of_two_curves",
+    D,
+    R,
+    "the two points lie on two curves",
+    (("curves",), _two_curves),
+    (("points", 1, "curve"), 1),
+)
+
+
+def _shifted(radius: Any, b: float, centres: list[Any]) -> Callable[[], bytes]:
+    """The difference network at an operating point whose centres differ, or are known up to a radius."""
+
+    def content() -> bytes:
+        found = copy.deepcopy(known_ledgers.load(D))
+        found["operating_point"] = {"x": centres, "radius": radius, "u": [[0, 0]]}
+        found["curves"][0]["shift"] = "any"
+        found["model"]["b"][0] = b.hex()
+        found["model_sha256"] = model_sha256(found["model"])
+        return data(found)
+
+    return content
+
+
+_Z = [[0, 0]] * 3
+FALSEHOODS.append(
+    Falsehood("difference_within_a_ball", R, "the centres are not known to be equal", _shifted([1, -20], 0.0, _Z))
+)
+FALSEHOODS.append(Falsehood("difference_at_other_point", R, "that is no equilibrium", _shifted([0, 0], 1.0, _Z)))
+
+# --- one-signed facts
+ONE = "one_signed"
+_set("one_signed_of_sector", ONE, R, "y - relu is nondecreasing, not one-signed", (("facts", "one_signed", 0, 1), 1))
+_set("one_signed_negative", ONE, R, "-relu is negative", _l(2, 0, -1))
+_set("one_signed_line", ONE, R, "y has both signs", _l(2, 1, 0))
+_set("one_signed_tanh", ONE, R, "tanh has both signs", *_f("tanh(x)"))
+_set("one_signed_steep", ONE, R, "relu - 1.01 y is negative far out", _l(3, -1.01, 1))
+_set("one_signed_shifted", ONE, R, "relu(x + 1) - x is one-signed, relu(x + 1) - 1 - x is not",
+     *_f("relu(x+1)-1"))  # fmt: skip
+_set("one_signed_softplus", ONE, R, "softplus(x) - log 2 has both signs", *_f("softplus(x)-0.6931471805599453"))
+_set("one_signed_tau", ONE, M, "a multiplier is negative", (("facts", "one_signed", 0, 4), [-1, 0]))
+
+# --- zero rows
+_set(
+    "row_not_quite_zero",
+    S,
+    R,
+    "tau is a little too large",
+    (("facts", "value", 0, 3), number(Fraction(1, 8) - Fraction(1, 64) + Fraction(1, 2**40))),
+)
+_set("row_of_density", S, R, "mu is not P22", (("points", 0, "densities", 0, 1), number(1 + Fraction(1, 2**30))))
+_set("row_of_a_state", S, R, "the speed is not unread", (("dropped",), [2, 1]))
+_set("row_of_the_wrong_entry", S, R, "the position is not unread", (("dropped",), [0]))
+_set("row_kept", S, R, "a zero row is not positive", (("dropped",), []))
+_set("row_twice", S, M, "an entry stands twice", (("dropped",), [2, 2]))
+_set("row_beyond", S, M, "no such entry", (("dropped",), [3]))
+_set(
+    "row_with_damping", S, R, "the cube acts on the speed twice", (("model", "terms", 0, "A", 1, 0), (-1.0000001).hex())
+)
+_set("row_with_position", S, R, "the cube acts on the position", (("model", "terms", 0, "A", 0, 0), (-0.125).hex()))
+
+# --- deviations
+P = "plant"
+_set("deviation_too_large", P, R, "C beyond the margin", (("deviations", 0, "C", 0, 2), [1, 2]))
+_set("deviation_s_zero", P, R, "s must be positive", (("deviations", 0, "s"), [0, 0]))
+_set("deviation_s_negative", P, R, "s must be positive", (("deviations", 0, "s"), [-1, 0]))
+_set("deviation_s_small", P, R, "s too small for the columns", (("deviations", 0, "s"), [1, -20]))
+_set("deviation_columns", P, R, "the columns a hundredfold", (("deviations", 0, "columns", 0, 0, 1), [100, 0]))
+_set("deviation_epsilon_negative", P, M, "epsilon is not negative", (("deviations", 0, "epsilon"), [-1, 0]))
+_set("deviation_upper_entry", P, M, "i >= j", (("deviations", 0, "C", 0), [0, 1, [1, 0]]))
+_set("deviation_twice", P, M, "each pair once", (("deviations", 0, "C", 1), [0, 0, [1, -4]]))
+_set("deviation_on_input", P, R, "a C on the input beyond Gamma", (("deviations", 0, "C", 1), [4, 4, [1, 40]]))
+
+# --- constants (practical)
+C = "practical"
+_set("constant_too_small", C, R, "(y^2 - 1)^2 - 1/64 is negative at 1", (("curves", 0, "products", 0, 2), [63, -6]))
+_set("constant_zero", C, R, "y (y^3 - 2 y) is negative", (("curves", 0, "products", 0, 2), [0, 0]))
+_set("constant_in_iss", C, R, "constants belong to practical", (("claim",), "rate-and-gain"))
+_set("offset_too_small", C, R, "the integral of y^3 - 2 y falls to -1", (("curves", 0, "forms", 1, "offset"), [31, -5]))
+_set("offset_zero", C, R, "the integral of y^3 - 2 y is negative", (("curves", 0, "forms", 1, "offset"), [0, 0]))
+_set(
+    "offset_as_sector",
+    C,
+    R,
+    "y^3 - 2 y is no sector form",
+    (("curves", 0, "forms", 1, "offset"), [0, 0]),
+    _is(1, "sector"),
+)
+_set("offset_of_sector", C, M, "only an offset form has one", _is(1, "sector"))
+_set("practical_upper", C, R, "c too small", (("curves", 0, "forms", 1, "upper", 0), [15, -6]))
+_set(
+    "practical_about_a_point",
+    C,
+    R,
+    "practical is about x_ref",
+    (("operating_point",), {"x": [[0, 0]] * 2, "radius": [0, 0], "u": [[0, 0]]}),
+)
+_set(
+    "product_cuts_short", C, R, "beyond the cuts it is not proved", (("curves", 0, "products", 0, 3), [-4, [-8, 0, 8]])
+)
+
+# --- regions
+G = "region"
+_set("strip_open", G, R, "sin has no sign on all of R", (("curves", 0, "domain"), None))
+_set("strip_too_wide", G, R, "sin changes its sign at pi", (("curves", 0, "domain"), [[-4, 0], [4, 0]]))
+_set("strip_open_at_one_end", G, R, "the cuts end before the domain", (("curves", 0, "domain", 1), [5, -1]))
+_set("strip_without_the_point", G, R, "0 is not inside", (("curves", 0, "domain"), [[1, 0], [2, 0]]))
+_set("strip_on_the_point", G, R, "0 is on a face", (("curves", 0, "domain", 0), [0, 0]))
+_set(
+    "strip_of_the_file_narrow",
+    G,
+    R,
+    "the level set meets the face",
+    (("strips",), [[[[1, [1, 0]]], [-1, -2], [1, -2]]]),
+)
+_set("strip_of_the_file_without", G, R, "0 is not inside", (("strips",), [[[[1, [1, 0]]], [1, 0], [2, 0]]]))
+_set("level_high", G, R, "the level set meets a face", (("level",), [4, 0]))
+_set("level_zero", G, R, "an empty region", (("level",), [0, 0]))
+_set("level_negative", G, R, "an empty region", (("level",), [-1, 0]))
+_set("input_large", G, R, "gamma u^2 > kappa c", (("input_bound",), [1, 0]))
+_set("input_negative", G, R, "a bound is not negative", (("input_bound",), [-1, 0]))
+_set(
+    "region_as_global",
+    G,
+    R,
+    "the functions are known on a domain alone",
+    (("claim",), "rate-and-gain"),
+    (("level",), [0, 0]),
+    (("input_bound",), [0, 0]),
+)
+_set("region_with_force", G, R, "b moves the equilibrium", (("model", "b", 1), (0.125).hex()))
+
+# --- outputs
+Y = "outputs"
+_set("output_bound_small", Y, R, "c'Pt^-1 c is larger", (("outputs", 0, "bound"), lambda pair: [pair[0], pair[1] - 1]))
+_set("output_bound_negative", Y, R, "a bound is positive", (("outputs", 0, "bound"), [-1, 0]))
+_set("output_row_long", Y, R, "ten times the row", (("outputs", 0, "row", 0, 1), [20, 0]))
+_set("output_of_iss", Y, R, "no rate, no bound", (("claim",), "iss"), (("kappa",), [0, 0]), (("p",), [0, 0]))
+_set("output_direct", Y, M, "one a input", (("outputs", 0, "direct"), []))
+FALSEHOODS.append(
+    Falsehood("output_without_factor", R, "V has no factor", lambda: changed(Y, ((("proof", "V"), None),)))
+)
+
+# --- numbers of the claim
+_set("kappa_large", V, R, "faster than the model", (("kappa",), [8, 0]))
+_set("kappa_zero", V, R, "kappa is positive", (("kappa",), [0, 0]))
+_set("kappa_negative", V, R, "kappa is positive", (("kappa",), [-1, 0]))
+_set("p_large", V, R, "P > p I fails", (("p",), [4, 0]))
+_set("p_zero", V, R, "p is positive", (("p",), [0, 0]))
+_set("p_of_iss", D, R, "iss has none", (("p",), [1, -10]))
+_set("gamma_small", V, R, "the gain is below the truth", (("gamma",), [1, -20]))
+_set("gamma_zero", V, R, "gamma is positive", (("gamma",), [0, 0]))
+_set("gamma_matrix_negative", V, R, "Gamma is positive", (("gamma",), {"lower": [[[-1, 0]]]}))
+_set("level_of_rate", V, R, "only a region has a level", (("level",), [1, 0]))
+_set("zero_certificate", D, R, "P = 0 proves nothing", (("P",), {"lower": [[[0, 0]] * (i + 1) for i in range(3)]}),
+     (("facts",), {"value": [], "one_signed": [], "difference": [], "constant": []}),
+     *((("points", i, "densities"), []) for i in range(3)))  # fmt: skip
+_set("state_dropped_in_rate", "e_gains", R, "only iss drops states", (("dropped",), [0]))
+_set("unstable_model", V, R, "A0 is unstable", (("model", "A0", 0, 0), (2.0).hex()))
+_set("sign_of_A", V, R, "tanh pushes outward", (("model", "terms", 0, "A", 0, 0), (4.0).hex()))
+_set("input_column", V, R, "a thousand times the input", (("model", "B", 0, 0), (100000.0).hex()))
+
+# --- form of the file
+for _name in known_ledgers.load("g_linear"):
+    _set(f"without_{_name}", V, M, "a field is missing", ((_name,), GONE))
+_set("field_unknown", V, M, "an unknown field", (("comment",), "hello"))
+_set("claim_G", V, M, "claims are words", (("claim",), "G"))
+_set("claim_list", V, M, "a claim is text", (("claim",), []))
+_set("format_list", V, M, "a format is text", (("statement",), []))
+_set(
+    "model_sparse",
+    V,
+    M,
+    "matrices are lists",
+    (("model", "A0"), {"shape": [1, 32000000], "rows": [], "columns": [], "values": []}),
+)
+_set("model_f_object", V, M, "f is text", (("model", "terms", 0, "f"), {}))
+_set("model_f_nested", V, M, "f is text", (("model", "terms", 0, "f"), [["x"], ["x"]]))
+_set("model_B_null", V, M, "canonical B is a list", (("model", "B"), None))
+_set("model_b_object", V, M, "b is a list", (("model", "b"), {}))
+_set("curves_object", V, M, "a list", (("curves",), {}))
+_set("form_row_short", V, M, "one coefficient a function, and one for y", (("curves", 0, "forms", 0, "l"), [[1, 0]]))
+_set("form_kind", V, M, "an unknown kind", _is(0, "increasing"))
+_set("form_kind_list", V, M, "a kind is text", _is(0, ["sector"]))
+_set("shift_text", V, M, "null, a ball or any", (("curves", 0, "shift"), "all"))
+_set("row_falls", V, M, "indices rise", (("points", 0, "row"), [[1, [1, 0]], [0, [1, 0]]]))
+_set("proof_extra", V, M, "an unknown factor", (("proof", "W"), []))
+_set("proof_null", V, M, "only V may be null", (("proof", "M"), None))
+_set("proof_ragged", V, M, "row i has i + 1 entries", (("proof", "M", 0), [1, 0]))
+FALSEHOODS.append(Falsehood("proof_empty", R, "M has no factor", lambda: changed(V, ((("proof", "M"), []),))))
+FALSEHOODS.append(
+    Falsehood("proof_singular", R, "T is singular", lambda: changed("g_linear", ((("proof", "P", 0, 0), 0),)))
+)
+FALSEHOODS.append(Falsehood("hash_stale", R, "another hash", lambda: changed(V, ((("model_sha256",), "0" * 64),))))

@@ -1,0 +1,148 @@
+"""Ledgers that must be accepted, one for each kind of fact and conclusion, each with the reason why it is true."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from checker import named
+from checker.ledgers import Sketch, curve, draft, model_object, number, point, solved
+from persid.certificates.ledger import as_ledger, floats, with_proof
+from persid_check.ledger.assembly import assemble
+from persid_check.ledger.file import read_ledger
+
+Certificate = dict[str, Any]
+TANH = [("tanh(x)", 1)]
+_W = [[0.0, 1.2, -0.7], [-0.9, 0.0, 1.0], [0.8, -1.1, 0.0]]
+
+
+def spring() -> Certificate:
+    """A mass on a hardening spring: the row of x1^3 is exactly zero (V = energy plus x1 x2 / 10)."""
+    model = model_object([("x**3", [[1, 0]], [[0], [-1]])], [[0, 1], [-1, -0.5]], [[0], [1]], n=2)
+    kappa = Fraction(1, 16)
+    cube = curve(
+        [("x**3", 1)], ((1, 0), "nondecreasing", {"upper": (0.5, 0)}), ((0, 1), "nondecreasing", {"upper": (0.25, 0)})
+    )
+    sketch = Sketch(model, [cube], [point(0, {0: 1}, [0], [1])], [("value", 0, 0, 1)], "rate-and-gain", kappa)
+    content = draft(sketch)
+    # V = x'P x + 2 int x1^3 mu: the rows cancel for mu = P22, tau = P12 - kappa mu / 4
+    P12, P22 = Fraction(1, 8), Fraction(1, 1)
+    content["P"] = {"lower": [[number(P22 + Fraction(1, 16))], [number(P12), number(P22)]]}
+    content["points"][0]["densities"] = [[1, number(P22)]]
+    content["facts"]["value"][0][3] = number(P12 - kappa * P22 / 4)
+    content |= {"dropped": [2], "gamma": [16, 0], "p": [1, -1]}
+    return with_proof(content)
+
+
+def difference() -> Certificate:
+    """A skew network of tanh neurons that only products of differences certify at this gain."""
+    model = model_object([("tanh(x)", None, _W)], (-np.eye(3)).tolist(), n=3)
+    forms = curve(TANH, ((0, 1), "nondecreasing"), ((1, -1), "nondecreasing"))
+    points = [point(0, {i: 1}, [i], [0, 1]) for i in range(3)]
+    facts = [("value", i, 0, 1) for i in range(3)]
+    facts += [("difference", i, j, sign, 0, 1) for i in range(3) for j in range(i) for sign in (-1, 1)]
+    return solved(Sketch(model, [forms], points, facts))
+
+
+def one_signed() -> Certificate:
+    """Relus across channels: relu(x1) relu(x2) >= 0 and their mirror images."""
+    model = model_object([("relu(x)", None, [[0.2, -1.5], [0.7, 0.2]])], [[-1.0, 0.0], [0.0, -1.0]], n=2)
+    forms = curve(
+        [("relu(x)", 1)], ((0, 1), "nondecreasing"), ((1, -1), "nondecreasing"), ((0, 1), "one-signed"),
+        ((-1, 1), "one-signed"),
+    )  # fmt: skip
+    points = [point(0, {i: 1}, [i], [0, 1]) for i in range(2)]
+    facts = [("value", i, 0, 1) for i in range(2)]
+    facts += [("one_signed", i, k, j, q) for i in (0, 1) for j in range(i + 1) for k in (2, 3) for q in (2, 3)]
+    return solved(Sketch(model, [forms], points, facts))
+
+
+def _tanh_model(B: float = 1.0) -> Certificate:
+    return model_object([("tanh(x)", None, [[-0.5, 0.1], [0.0, -0.5]])], [[-1.0, 0.5], [-0.5, -1.0]], [[B], [0.5]], n=2)
+
+
+def _tanh_sketch(claim: str = "rate-and-gain", densities: tuple[int, ...] = (), **more: Any) -> Sketch:
+    forms = curve(
+        TANH,
+        ((0, 1), "nondecreasing", {"upper": (1, 0)}),
+        ((1, -1), "nondecreasing", {"upper": (1, 0)}),
+    )
+    points = [point(0, {i: 1}, [i], list(densities)) for i in range(2)]
+    return Sketch(
+        _tanh_model(), [forms], points, [("value", i, 0, 1) for i in range(2)], claim, Fraction(1, 4), True, more
+    )
+
+
+def incremental() -> Certificate:
+    """Without densities and with nondecreasing forms any two solutions come together."""
+    return solved(_tanh_sketch())
+
+
+def rated() -> Certificate:
+    """Integrals of tanh in V: a rate and a gain, about every operating point."""
+    return solved(_tanh_sketch(densities=(0, 1)))
+
+
+def plant() -> Certificate:
+    """Every plant within .25 |x - x*| of the model in each state, and .125 more."""
+    deviation = {
+        "columns": [[[0, [1, 0]]], [[1, [1, 0]]]], "C": [[0, 0, [1, -4]], [1, 1, [1, -4]]], "s": [0, 0],
+        "epsilon": [1, -3],
+    }  # fmt: skip
+    return solved(_tanh_sketch(densities=(0, 1), deviations=[deviation]))
+
+
+def outputs() -> Certificate:
+    """An output 2 x1 - x2 + u in its own unit."""
+    content = solved(_tanh_sketch(densities=(0,)))
+    Pt = floats(assemble(read_ledger(content)).Pt)
+    c = np.array([2.0, -1.0])
+    bound = Fraction(round(1.01 * float(c @ np.linalg.solve(Pt, c)) * 2**20), 2**20)
+    content["outputs"] = [{"row": [[0, [2, 0]], [1, [-1, 0]]], "direct": [[1, 0]], "bound": number(bound)}]
+    return with_proof(content)
+
+
+def region() -> Certificate:
+    """A pendulum with |x1| <= 2 alone: the strip of one row, unbounded in x2."""
+    content = as_ledger(named.load("r_pendulum"))
+    content["strips"] = []
+    return with_proof(content)
+
+
+def practical() -> Certificate:
+    """A damped double well, x1' = x2, x2' = x1 - x1^3 - x2 + u: every solution ends near the wells; a row is zero."""
+    model = model_object([("x**3", [[1, 0]], [[0], [-1]])], [[0, 1], [1, -1]], [[0], [1]], n=2)
+    wells = {"offset": Fraction(9, 8), "upper": (Fraction(1, 4), 0)}  # y^4/4 - y^2 >= -1
+    forms = curve(
+        [("x**3", 1)], ((1, 0), "nondecreasing"), ((-2, 1), "offset", wells), products=[(0, 1, Fraction(65, 64))]
+    )  # (y^2 - 1)^2 >= 0
+    kappa, P12 = Fraction(1, 16), Fraction(1, 8)
+    sketch = Sketch(model, [forms], [point(0, {0: 1}, [0], [1])], [("constant", 0, 0)], "practical", kappa)
+    content = draft(sketch)
+    content["P"] = {"lower": [[number(1 + P12)], [number(P12), [1, 0]]]}
+    content["points"][0]["densities"] = [[1, [1, 0]]]
+    content["facts"]["constant"][0][2] = number(P12 - kappa / 4)
+    content |= {"dropped": [2], "gamma": [16, 0], "p": [1, -1]}
+    return with_proof(content)
+
+
+OWN: dict[str, Callable[[], Certificate]] = {
+    made.__name__: made
+    for made in (spring, difference, one_signed, incremental, rated, plant, outputs, region, practical)
+}
+TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))
+
+
+@cache
+def _load(name: str) -> Certificate:
+    return OWN[name]() if name in OWN else as_ledger(named.load(name))
+
+
+def load(name: str) -> Certificate:
+    """A good ledger, by name; not to be changed in place."""
+    return _load(name)
+
+
+NAMES = (*OWN, *TRANSLATED)

@@ -1,0 +1,227 @@
+# ruff: noqa: E741 (l is the letter of the mathematics)
+"""What an accepted ledger asserts, looked at in floating point along the model itself: V, V' and the bounds, sampled.
+
+Written from sections 1, 2, 4, 5 and 7 of docs/ledger.md; no matrix is assembled here. An empty list means that no
+fault was found.
+"""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from checker.independent import Model
+from persid.models.functions import scalar_function
+
+TOLERANCE = 1e-6
+SAMPLES = 400
+Array = np.ndarray
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_PARTS = 24
+
+
+def number(pair: list[int]) -> float:
+    """A dyadic in floating point."""
+    limit = Fraction(2) ** 900
+    return float(min(limit, max(-limit, Fraction(pair[0]) * Fraction(2) ** pair[1])))
+
+
+class Sampled:
+    """V and its derivative by x, evaluated point by point from the file."""
+
+    def __init__(self, content: dict[str, Any]) -> None:
+        self.content, self.model = content, Model(content["model"])
+        point = content["operating_point"]
+        self.x = self.model.x_ref if point is None else np.array([number(v) for v in point["x"]])
+        self.u = self.model.u_ref if point is None else np.array([number(v) for v in point["u"]])
+        self.null = point is None
+        stored = content["P"]
+        if "diagonal" in stored:
+            self.P = np.diag([number(v) for v in stored["diagonal"]])
+        else:
+            L = np.zeros((self.model.n, self.model.n))
+            for i, row in enumerate(stored["lower"]):
+                L[i, : i + 1] = [number(v) for v in row]
+            self.P = L + np.tril(L, -1).T
+        self.points = []
+        for each in content["points"]:
+            curve = content["curves"][each["curve"]]
+            row = np.zeros(self.model.n)
+            for i, v in each["row"]:
+                row[i] = number(v)
+            functions = [(scalar_function(text), number(a)) for text, a in curve["functions"]]
+            self.points.append((each, curve, row, functions, float(row @ (self.x - self.model.x_ref))))
+
+    def phi(self, p: int, y: Array) -> Array:
+        """Phi_p at y, one row a value."""
+        _, _, _, functions, star = self.points[p]
+        columns = [y]
+        for f, a in functions:
+            base = 0.0 if self.null else f.value(np.array([a * star]))
+            columns.append(f.value(a * (star + y)) - base)
+        return np.stack(columns, axis=-1)
+
+    def integral(self, p: int, l: Array, y: float) -> float:
+        """The integral of l'Phi_p from 0 to y."""
+        edges = np.linspace(0.0, y, _PARTS + 1)
+        middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+        inner = (middle[:, None] + half[:, None] * _NODES).ravel()
+        return float(((self.phi(p, inner) @ l).reshape(_PARTS, -1) @ _WEIGHTS * half).sum())
+
+    def form(self, p: int, k: int) -> Array:
+        """Form k at point p."""
+        return np.array([number(v) for v in self.points[p][1]["forms"][k]["l"]])
+
+    def V(self, x: Array) -> float:
+        """V at x, relative to x*."""
+        total = float(x @ self.P @ x)
+        for p, (each, _, row, _, _) in enumerate(self.points):
+            for k, mu in each["densities"]:
+                if mu[0]:
+                    total += 2 * number(mu) * self.integral(p, self.form(p, k), float(row @ x))
+        return total
+
+    def gradient(self, x: Array) -> Array:
+        """The gradient of V."""
+        total = 2 * self.P @ x
+        for p, (each, _, row, _, _) in enumerate(self.points):
+            for k, mu in each["densities"]:
+                if mu[0]:
+                    total = total + 2 * number(mu) * float(self.phi(p, np.array([row @ x]))[0] @ self.form(p, k)) * row
+        return total
+
+    def rise(self, x: Array, v: Array) -> Array:
+        """x' without deviations: x relative to x*, v the input less u*."""
+        m, at = self.model, self.x + x - self.model.x_ref
+        channels = np.array([f.value(np.array([row @ at]))[0] for f, row in zip(m.f, m.R, strict=True)])
+        rest = np.zeros(m.n)
+        if not self.null:  # what makes x* rest exactly: the centre of its ball does nearly
+            here = self.x - m.x_ref
+            still = np.array([f.value(np.array([row @ here]))[0] for f, row in zip(m.f, m.R, strict=True)])
+            rest = m.A0 @ here + m.A @ still + m.B @ (self.u - m.u_ref) + m.b
+        return m.A0 @ at + m.A @ channels + m.B @ (self.u - m.u_ref + v) + m.b - rest
+
+
+def _Gamma(content: dict[str, Any], width: int) -> Array:
+    stored = content["gamma"]
+    if not isinstance(stored, dict):
+        return number(stored) * np.eye(width)
+    L = np.zeros((width, width))
+    for i, row in enumerate(stored["lower"]):
+        L[i, : i + 1] = [number(v) for v in row]
+    return L + np.tril(L, -1).T
+
+
+def _strips(look: Sampled) -> list[tuple[Array, float, float]]:
+    found = []
+    for _, curve, row, _, _ in look.points:
+        if curve["domain"] is not None:
+            found.append((row, *(number(v) for v in curve["domain"])))
+    for stored, lo, hi in look.content["strips"]:
+        row = np.zeros(look.model.n)
+        for i, v in stored:
+            row[i] = number(v)
+        found.append((row, number(lo), number(hi)))
+    return found
+
+
+def faults(content: dict[str, Any], seed: int = 0, samples: int = SAMPLES) -> list[str]:
+    """Faults with what an accepted ledger asserts."""
+    rng, look = np.random.default_rng(seed), Sampled(content)
+    strips, claim = _strips(look), content["claim"]
+    kappa, p = number(content["kappa"]), number(content["p"])
+    counts_b = look.null and bool(look.model.b.any())
+    Gamma = _Gamma(content, look.model.m + counts_b)
+    spread = sum(number(d["s"]) * number(d["epsilon"]) ** 2 for d in content["deviations"])
+    slack, below = _offsets(look, kappa)
+    found: list[str] = []
+    with np.errstate(all="ignore"):
+        for _ in range(samples):
+            x = rng.normal(size=look.model.n) * 10 ** rng.uniform(-3, 1.2)
+            if strips:
+                x *= rng.uniform(0.2, 1) * min(
+                    1.0, *(((hi if row @ x > 0 else -lo) / max(abs(row @ x), 1e-300)) for row, lo, hi in strips)
+                )
+            v = rng.normal(size=look.model.m) * 10 ** rng.uniform(-3, 2) * rng.choice([0.0, 1.0])
+            full = np.append(v, 1.0) if counts_b else v
+            V, gradient, drift = look.V(x), look.gradient(x), look.rise(x, v)
+            if not np.isfinite([V, *gradient, *drift]).all() or np.abs([*gradient, *drift]).max() > 1e12:
+                continue
+            sizes, worst = _worst(look, x, full, gradient)
+            change = float(gradient @ drift) + worst
+            limit = -kappa * V + float(full @ Gamma @ full) + spread + slack
+            size = float(np.abs(gradient) @ (np.abs(drift) + sizes)) + abs(limit) + abs(V)
+            if change > limit + TOLERANCE * size + 1e-12:
+                found.append(f"V' = {change} > {limit} at x = {x}, v = {v}")
+            if claim != "iss" and p * float(x @ x) - below - TOLERANCE * (abs(V) + p * float(x @ x)) > V:
+                found.append(f"V = {V} < p |x|^2 at {x}")
+            if claim == "iss" and -TOLERANCE * float(np.abs(x) @ np.abs(look.P) @ np.abs(x)) > V:
+                found.append(f"V = {V} < 0 at {x}")
+            found += _output_faults(look, x, V)
+        found += _region_faults(look, strips, Gamma, kappa, spread, rng)
+    return found[:5]
+
+
+def _offsets(look: Sampled, kappa: float) -> tuple[float, float]:
+    slack = below = 0.0
+    for each, curve, *_ in look.points:
+        for k, mu in each["densities"]:
+            form = curve["forms"][k]
+            other = form if form["lower"] is None else curve["forms"][form["lower"][1]]
+            below += 2 * number(mu) * number(other["offset"])
+            slack += 0.0 if form["upper"] is None else kappa * 2 * number(mu) * number(form["upper"][1])
+    for p, j, tau in look.content["facts"]["constant"]:
+        slack += 2 * number(tau) * number(look.points[p][1]["products"][j][2])
+    return slack, below
+
+
+def _worst(look: Sampled, x: Array, v: Array, gradient: Array) -> tuple[Array, float]:
+    """The most that deviations add to V', and their sizes."""
+    total, sizes = 0.0, np.zeros(look.model.n)
+    m = look.model
+    at = look.x + x - m.x_ref
+    channels = np.array([f.value(np.array([row @ at]))[0] for f, row in zip(m.f, m.R, strict=True)])
+    if not look.null:
+        here = look.x - m.x_ref
+        channels = channels - np.array([f.value(np.array([row @ here]))[0] for f, row in zip(m.f, m.R, strict=True)])
+    zeta = np.concatenate([x, channels, v])
+    for deviation in look.content["deviations"]:
+        square = number(deviation["epsilon"]) ** 2
+        for i, j, value in deviation["C"]:
+            square += number(value) * zeta[i] * zeta[j] * (1 if i == j else 2)
+        L = np.zeros((m.n, len(deviation["columns"])))
+        for c, row in enumerate(deviation["columns"]):
+            for i, value in row:
+                L[i, c] = number(value)
+        radius = np.sqrt(max(square, 0.0))
+        total += float(np.linalg.norm(L.T @ gradient)) * radius
+        sizes = sizes + np.abs(L).sum(axis=1) * radius
+    return sizes, total
+
+
+def _output_faults(look: Sampled, x: Array, V: float) -> list[str]:
+    found = []
+    for output in look.content["outputs"]:
+        y = sum(number(v) * x[i] for i, v in output["row"])
+        if y * y > number(output["bound"]) * V * (1 + TOLERANCE):
+            found.append(f"the output {y} at {x} is larger than its bound")
+    return found
+
+
+def _region_faults(look: Sampled, strips: Any, Gamma: Array, kappa: float, spread: float, rng: Any) -> list[str]:
+    if look.content["claim"] != "region":
+        return []
+    level, bound = number(look.content["level"]), number(look.content["input_bound"])
+    found = []
+    largest = float(np.linalg.eigvalsh(Gamma)[-1]) if len(Gamma) else 0.0
+    if largest * bound**2 + spread > kappa * level * (1 + TOLERANCE):
+        found.append("the input bound is too large")
+    for row, lo, hi in strips:
+        for _ in range(60):
+            x = rng.normal(size=look.model.n) * 10 ** rng.uniform(-2, 1)
+            if not row @ x:
+                continue
+            x *= (hi if row @ x > 0 else -lo) / abs(row @ x)
+            if all(a - 1e-9 <= r @ x <= b + 1e-9 for r, a, b in strips) and look.V(x) <= level * (1 - TOLERANCE):
+                found.append(f"V <= level on a face, at {x}")
+    return found

@@ -1,0 +1,98 @@
+"""Ledgers of every kind are accepted and say what is proved; every forged one is refused in the way that is due."""
+
+import copy
+import json
+
+import pytest
+
+from checker import known_ledgers
+from checker.false_ledgers import FALSEHOODS
+from checker.ledgers import data
+from checker.sampled import faults
+from persid_check import Accepted, Rejected, check
+
+
+@pytest.mark.parametrize("name", known_ledgers.NAMES)
+def test_a_known_ledger_is_accepted(name: str) -> None:
+    """Every known ledger is accepted, names the model's hash, and is explained in the order of the page."""
+    content = known_ledgers.load(name)
+    result = check(data(content))
+    assert isinstance(result, Accepted), result
+    assert content["model_sha256"] in result.statement
+    numbers = [int(step.split(".")[0]) for step in result.steps]
+    assert numbers == sorted(numbers)
+    assert {1, 4, 6, 7} <= set(numbers)
+    assert max(map(len, result.steps)) <= 120
+
+
+@pytest.mark.parametrize("name", known_ledgers.NAMES)
+def test_a_known_ledger_is_true_along_the_model(name: str) -> None:
+    """V, its derivative along the model, and all bounds of a known ledger hold at sampled states and inputs."""
+    assert faults(known_ledgers.load(name), samples=1000) == []
+
+
+@pytest.mark.parametrize("falsehood", FALSEHOODS, ids=lambda falsehood: falsehood.name)
+def test_a_forged_ledger_is_refused(falsehood) -> None:
+    """A ledger with one false entry is rejected or malformed, as its row says, with a place and a reason."""
+    result = check(falsehood.content())
+    assert type(result).__name__ == falsehood.expected, (falsehood.why, result)
+    assert result.where
+    assert result.why
+
+
+def test_forgeries_are_many_and_different() -> None:
+    """The table of forgeries holds more than 150 rows with different names."""
+    assert len({falsehood.name for falsehood in FALSEHOODS}) == len(FALSEHOODS) >= 150
+
+
+def test_integrals_in_V_forgo_the_incremental_sentence() -> None:
+    """Any two solutions are spoken of only where V has no integral and every form is nondecreasing."""
+    assert "any two solutions" in check(data(known_ledgers.load("incremental"))).statement
+    for name in ("e_mixed_pair", "g_linear", "difference", "plant", "region"):
+        assert "any two solutions" not in check(data(known_ledgers.load(name))).statement
+
+
+def test_every_operating_point_needs_nondecreasing_forms() -> None:
+    """Differences, one-signed forms, deviations and sector forms forgo the sentence about every equilibrium."""
+    assert "every equilibrium" in check(data(known_ledgers.load("g_ball"))).statement
+    for name in ("difference", "one_signed", "plant", "region", "practical", "m_cubes"):
+        assert "every equilibrium" not in check(data(known_ledgers.load(name))).statement
+
+
+def test_what_stays_without_inputs_is_called_practical() -> None:
+    """A plant with a constant deviation, and a model certified with constants, are practically stable, not stable."""
+    for name in ("plant", "practical"):
+        assert "practically input-to-state stable" in check(data(known_ledgers.load(name))).statement
+    content = copy.deepcopy(known_ledgers.load("plant"))
+    content["deviations"][0]["epsilon"] = [0, 0]
+    statement = check(data(content)).statement
+    assert "practically" not in statement
+    assert "is assumed, not proved" in statement
+
+
+def test_a_region_speaks_of_the_point_that_is_not_known_exactly() -> None:
+    """The strips of a region about a ball are about x*, so that the printed set is the one that is proved."""
+    result = check(data(known_ledgers.load("region")))
+    assert "-2 <= 1 (x1 - x1*) <= 2" in result.statement
+    assert "radius" not in result.statement
+
+
+def test_an_unbounded_strip_needs_no_box() -> None:
+    """The pendulum's region is bounded by its level set alone in the direction that no function reads."""
+    assert known_ledgers.load("region")["strips"] == []
+    assert "x2 - x2*" not in check(data(known_ledgers.load("region"))).statement
+
+
+def test_another_model_is_noticed() -> None:
+    """A ledger is rejected when it is asked about another model."""
+    plain = json.dumps(known_ledgers.load("spring")["model"]).encode()
+    other = json.dumps(known_ledgers.load("rated")["model"]).encode()
+    assert isinstance(check(data(known_ledgers.load("spring")), plain), Accepted)
+    assert isinstance(check(data(known_ledgers.load("spring")), other), Rejected)
+
+
+def test_the_statement_of_the_file_is_ignored() -> None:
+    """What a file says of itself for people changes nothing in the answer."""
+    content = copy.deepcopy(known_ledgers.load("spring"))
+    content["statement"] = "The moon is made of cheese."
+    assert check(data(content)) == check(data(known_ledgers.load("spring")))

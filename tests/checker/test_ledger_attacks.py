@@ -1,0 +1,319 @@
+"""Attacks on ledgers: every number changed, random models of known truth, and files of every wrong form."""
+
+import copy
+import json
+import random
+import resource
+import runpy
+import time
+from collections import Counter
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from checker import known_ledgers
+from checker.ledgers import Sketch, curve, data, model_object, point, solved
+from checker.mutation import mutants
+from checker.sampled import faults
+from persid.errors import RoundingError
+from persid.lyapunov.sectors import Curve, nondecreasing_pool, pool
+from persid_check import Accepted, Malformed, Rejected, check
+from persid_check.results import FormatError, NotProvedError
+from places import SHARED
+
+
+def _mutated(names: tuple[str, ...], share: float, seed: int) -> tuple[int, int]:
+    choose = random.Random(seed)
+    total = accepted = 0
+    for name in names:
+        for path, new, mutant in mutants(known_ledgers.load(name)):
+            if choose.random() >= share:
+                continue
+            total += 1
+            if isinstance(check(data(mutant)), Accepted):
+                accepted += 1
+                found = faults(mutant, samples=40)
+                assert found == [], (name, path, new)
+    print(f"{total} mutants, {accepted} accepted, none with a fault")
+    return total, accepted
+
+
+def test_accepted_mutants_are_true_along_the_model() -> None:
+    """Of a sample of changed numbers, every ledger that is still accepted holds at sampled states and inputs."""
+    total, accepted = _mutated(known_ledgers.NAMES, 0.01, seed=1)
+    assert total > 300
+    assert 0 < accepted < total
+
+
+@pytest.mark.slow
+def test_all_mutants_of_all_ledgers() -> None:
+    """The same for every number of every known ledger, more than 20,000 mutants."""
+    total, _ = _mutated(known_ledgers.NAMES, 1.0, seed=2)
+    assert total > 20_000
+
+
+SCALARS = (
+    "x**3", "sinh(x)", "tanh(x)", "arctan(x)", "sat(x)", "deadzone(x)", "relu(x)", "sin(x)", "softsign(x)", "x*abs(x)",
+    "expm1(x)", "erf(x)", "x**3-3*x**2+2.5*x", "arcsinh(x)", "x**5", "softplus(x)-0.6931471805599453", "cos(x)-1",
+)  # fmt: skip
+
+
+def _scalar(choose: random.Random) -> Sketch:
+    """x' = a x + c f(alpha x) + u, with forms of persid's pools, each as the strongest kind that is proved."""
+    text, alpha = choose.choice(SCALARS), choose.choice((1, 1, 2, 0.5))
+    shape = Curve((text,), (Fraction(alpha),))
+    listed = [*nondecreasing_pool(shape)[:2], *pool(shape)[:2], (1.0, 0.0), (0.0, 1.0), (0.0, 1.0), (-1.0, 1.0)]
+    kinds = [("nondecreasing", "sector")] * (len(listed) - 2) + [("one-signed",)] * 2
+    forms = [form for row, names in zip(listed, kinds, strict=True) for form in _proved(text, alpha, row, names)[:1]]
+    sectors = [k for k, (_, kind, _) in enumerate(forms) if kind != "one-signed"]
+    signed = [k for k, (_, kind, _) in enumerate(forms) if kind == "one-signed"]
+    densities = [k for k in sectors if forms[k][2]]
+    facts = [("value", 0, k, q) for k in sectors for q in sectors if k < q]
+    facts += [("one_signed", 0, k, 0, q) for k in signed for q in signed if k <= q]
+    kappa = choose.choice((0, Fraction(1, 8)))
+    a, c = choose.uniform(-2, 0.5), choose.uniform(-2, 1)
+    model = model_object([(text, [[float(alpha)]], [[c]])], [[a]], [[1.0]])
+    made = curve([(text, alpha)], *forms)
+    claim = "rate-and-gain" if kappa else "iss"
+    return Sketch(model, [made], [point(0, {0: 1}, [0], densities)], facts, claim, kappa)
+
+
+def _proved(text: str, alpha: Any, l: Any, kinds: tuple[str, ...]) -> list[Any]:  # noqa: E741
+    """The form as each kind that has a partition, with the least bound of its integral that has one, if any."""
+    unsought, found = [0, [-1, 0, 1]], []
+    for kind in kinds:
+        if curve([(text, alpha)], (l, kind))["forms"][0]["cuts"] == unsought:
+            continue
+        bounds = [(l, kind, {"upper": (c, 0)}) for c in (0.25, 0.5, 1) if kind != "one-signed"]
+        made = (form for form in bounds if curve([(text, alpha)], form)["forms"][0]["upper"][2] != unsought)
+        found.append(next(made, (l, kind, {})))
+    return found
+
+
+def _is_stable(content: dict[str, Any]) -> bool:
+    """Truth for x' = F(x) + u: F has the sign of -x, and |F| grows beyond every bound at both ends."""
+    from checker.independent import Model
+
+    m = Model(content["model"])
+    x = np.concatenate([s * np.geomspace(1e-5, 1e3, 4000) for s in (1, -1)])
+    with np.errstate(all="ignore"):
+        F = m.A0[0, 0] * x + sum(m.A[0, c] * f.value(m.R[c, 0] * x) for c, f in enumerate(m.f))
+    inward = bool((np.sign(x) * F < 0)[np.isfinite(F)].all())
+    return inward and abs(F[3999]) > 20 and abs(F[-1]) > 20
+
+
+def _scalars(count: int, seed: int) -> Counter[str]:
+    choose, counts = random.Random(seed), Counter()
+    for _ in range(count):
+        try:
+            content = solved(_scalar(choose), ratio=1e3)
+        except (RoundingError, NotProvedError, FormatError):
+            counts["not made"] += 1
+            continue
+        except Exception as error:  # the solver gives up
+            if type(error).__name__ != "SolverError":
+                raise
+            counts["not made"] += 1
+            continue
+        answer = check(data(content))
+        counts[type(answer).__name__] += 1
+        if isinstance(answer, Accepted):
+            assert _is_stable(content), content["model"]
+            assert faults(content, samples=60) == [], content["model"]
+    print(dict(counts))
+    return counts
+
+
+def test_accepted_scalar_models_are_stable() -> None:
+    """Of random models of one state with random forms, every one that is accepted is input-to-state stable."""
+    counts = _scalars(60, seed=1)
+    assert counts["Accepted"] >= 8
+
+
+@pytest.mark.slow
+def test_accepted_scalar_models_are_stable_of_five_thousand() -> None:
+    """The same for 5,000 models."""
+    assert _scalars(5000, seed=2)["Accepted"] > 500
+
+
+def _several(model: dict[str, Any], choose: random.Random) -> Sketch:
+    """Value, difference and sum facts for a model of the shared families."""
+    n, terms = len(model["states"]), model["terms"]
+    known = {
+        "x**3": [((0, 1), "nondecreasing")],
+        "sinh(x)": [((0, 1), "nondecreasing"), ((-1, 1), "nondecreasing")],
+        "tanh(x)": [((0, 1), "nondecreasing"), ((1, -1), "nondecreasing")],
+    }
+    curves, points, facts, channel = [], [], [], 0
+    for term in terms:
+        place, rows = len(curves), np.eye(n).tolist() if term["R"] is None else term["R"]
+        curves.append(curve([(term["f"], 1)], ((1, 0), "nondecreasing"), *known[term["f"]]))
+        forms = range(len(known[term["f"]]) + 1)
+        first = len(points)
+        for row in rows:
+            points.append(point(place, {i: v for i, v in enumerate(row) if v}, [channel], list(forms)))
+            facts += [("value", len(points) - 1, k, q) for k in forms for q in forms if k < q]
+            channel += 1
+        if choose.random() < 0.5:
+            pairs = [(p, q) for p in range(first, len(points)) for q in range(first, p)]
+            facts += [("difference", p, q, sign, 1, len(forms) - 1) for p, q in pairs for sign in (-1, 1)]
+    return Sketch(model, curves, points, facts)
+
+
+_UNSTABLE = ("unstable_origin", "cooperative_bistable", "saturated")
+_FAMILIES = ("dissipative", "column_dominance", "nonnormal", "lure", "port_hamiltonian", *_UNSTABLE)
+
+
+def _families(count: int, seed: int) -> Counter[str]:
+    if not (SHARED / "families.py").is_file():
+        pytest.skip("families.py of the shared data is not on this machine")
+    families = runpy.run_path(str(SHARED / "families.py"))
+    choose, counts = random.Random(seed), Counter()
+    for k in range(count):
+        family, n = _FAMILIES[k % len(_FAMILIES)], choose.choice((2, 2, 3))
+        ((_, truth, model),) = families["draw"](family, n=n, count=1, seed=seed + k)
+        try:
+            content = solved(_several(model, choose))
+        except Exception as error:  # the solver gives up, or no factor is found: nothing to check
+            if not isinstance(error, RoundingError) and type(error).__name__ != "SolverError":
+                raise
+            counts[f"{truth}, not made"] += 1
+            continue
+        answer = check(data(content))
+        counts[f"{truth}, {type(answer).__name__}"] += 1
+        if isinstance(answer, Accepted):
+            assert truth == "iss", (family, k)
+            assert faults(content, samples=40) == [], (family, k)
+    print(dict(counts))
+    return counts
+
+
+def test_accepted_models_of_several_states_are_stable() -> None:
+    """Of random models of known truth, only stable ones are accepted, and each ledger holds at sampled states."""
+    counts = _families(24, seed=1)
+    assert counts["iss, Accepted"] >= 4
+
+
+@pytest.mark.slow
+def test_accepted_models_of_several_states_are_stable_of_two_thousand() -> None:
+    """The same for 2,000 models."""
+    assert _families(2000, seed=100)["iss, Accepted"] > 300
+
+
+_ODD: tuple[Any, ...] = (
+    None, True, False, "", "x", "any", [], {}, [[]], [{}], {"a": 1}, 0, -1, 10**30, -(10**300), [0, 0], [1, -2000],
+    [1, 2000], [1, 10**9], [[1, 0]], "0x1.0p+0", "é" * 50, [None], [[0, [1, 0]]] * 3, {"lower": []}, {"diagonal": []},
+    {"shape": [1, 32000000], "rows": [], "columns": [], "values": []}, {"shape": [10**30, -1], "npz": "../a.npz"},
+)  # fmt: skip
+
+
+def _places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    yield path
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _places(entry, (*path, key))
+    elif isinstance(value, list):
+        for i, entry in enumerate(value):
+            yield from _places(entry, (*path, i))
+
+
+def _disfigured(content: Any, path: tuple[Any, ...], new: Any) -> Any:
+    if not path:
+        return new
+    changed = copy.deepcopy(content)
+    at = changed
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = new
+    return changed
+
+
+@pytest.mark.parametrize("name", ["spring", "region", "plant", "g_ball", "one_signed"])
+def test_a_wrong_type_anywhere_is_answered(name: str) -> None:
+    """A value of another type, size or depth at any place is answered, never a traceback, and quickly."""
+    choose, content = random.Random(name), known_ledgers.load(name)
+    places = list(_places(content))
+    for _ in range(400):
+        path, new = choose.choice(places), choose.choice(_ODD)
+        started = time.process_time()
+        answer = check(data(_disfigured(content, path, new)))
+        assert isinstance(answer, Accepted | Rejected | Malformed)
+        assert time.process_time() - started < 5, (path, new)
+        if isinstance(answer, Accepted):
+            assert path[:1] in (("statement",), ("curves",), ("points",), ("facts",), ("operating_point",), ("gamma",),
+                                ("deviations",), ("input_bound",), ("P",), ("strips",), ("outputs",), ("proof",),
+                                ("spanning",), ("kappa",), ("p",), ("level",), ("dropped",)), path  # fmt: skip
+            assert faults(_disfigured(content, path, new), samples=60) == []
+
+
+def _costly() -> Iterator[tuple[str, bytes]]:
+    """Files that would take long, or much memory, for their length."""
+    base = copy.deepcopy(known_ledgers.load("rated"))
+    many = copy.deepcopy(base)
+    many["curves"][0]["forms"][0]["cuts"] = [-12, [*range(-300_000, 0), 0, *range(1, 300_000)]]
+    yield "many cuts", data(many)
+    long = copy.deepcopy(base)
+    text = "+".join(["tanh(tanh(tanh(x)))"] * 47)
+    long["model"]["terms"][0]["f"] = long["curves"][0]["functions"][0][0] = text
+    long["curves"][0]["forms"][0]["cuts"] = [-10, list(range(-40_000, 40_000))]
+    yield "long functions, many cuts", data(long)
+    tower = copy.deepcopy(base)
+    text = "tanh(x)" + "+0*sin(((2**64)**64)**15)" * 20
+    tower["model"]["terms"][0]["f"] = tower["curves"][0]["functions"][0][0] = text
+    yield "towers of powers", data(tower)
+    facts = copy.deepcopy(base)
+    facts["facts"]["value"] = [[0, 0, 1, [1, -40]]] * 200_000
+    yield "many facts", data(facts)
+    points = copy.deepcopy(base)
+    points["points"] = [base["points"][0]] * 9_000 + base["points"]
+    yield "many points", data(points)
+    wide = copy.deepcopy(base)
+    wide["model"]["terms"] = [{"f": "tanh(x)", "R": [["0x0.0p+0"] * 2] * 2400, "A": [["0x0.0p+0"] * 2400] * 2}]
+    yield "many channels", data(wide)
+    deep = copy.deepcopy(base)
+    deep["deviations"] = [{"columns": [[]] * 5000, "C": [], "s": [1, 0], "epsilon": [0, 0]}]
+    yield "many deviations", data(deep)
+    bits = copy.deepcopy(base)
+    bits["P"] = {"lower": [[[2**2000 + 1, -2000]], [[3, 2000], [2**2000 + 1, -2000]]]}
+    yield "long numbers", data(bits)
+
+
+@pytest.mark.parametrize(("name", "content"), [pytest.param(*each, id=each[0]) for each in _costly()])
+def test_time_and_memory_are_bounded_by_the_length(name: str, content: bytes) -> None:
+    """A file made to be costly is answered within 20 microseconds and 400 bytes for each of its bytes, and a base."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started = time.process_time()
+    answer = check(content)
+    took = time.process_time() - started
+    more = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    print(f"{name}: {len(content)} bytes, {took:.2f} s, {more / 1e6:.0f} MB, {type(answer).__name__}")
+    assert isinstance(answer, Rejected | Malformed | Accepted)
+    assert took < 8 + 2e-4 * len(content)
+    assert more < 3e8 + 400 * len(content)
+
+
+def test_json_of_every_kind_is_answered() -> None:
+    """Texts that are no object, or objects that name the format and nothing else, are malformed with a place."""
+    named = '"format": "persid-certificate-2"'
+    texts = (
+        "",
+        "[]",
+        "1",
+        '"x"',
+        "null",
+        f"{{{named}}}",
+        f"{{{named}, {named}}}",
+        '{"format": [2]}',
+        "{" * 100,
+        "[" * 10**6,
+    )
+    for text in texts:
+        assert isinstance(check(text.encode()), Malformed)
+    whole = json.dumps(known_ledgers.load("spring")).encode()
+    choose = random.Random(0)
+    for _ in range(300):
+        at, size = choose.randrange(len(whole)), choose.randrange(1, 40)
+        assert isinstance(check(whole[:at] + whole[at + size :]), Accepted | Rejected | Malformed)
