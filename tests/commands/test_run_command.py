@@ -13,7 +13,8 @@ from command_line import MODEL, RUN, files, free_fit_only, raising
 from persid.commands import cli
 from persid.commands import identify as fit_commands
 from persid.models.arguments import plain_model
-from persid.reports import results as folder
+from persid.reports.delivery import delivery
+from persid.reports.results import read_results
 from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided
 from places import VALID
 
@@ -165,7 +166,7 @@ def test_full_disk(here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyP
     cli.main(RUN)
     before = {name: (here / "out" / name).read_bytes() for name in files(here / "out")}
     monkeypatch.setattr(
-        "persid.reports.results.write_atomically", raising(OSError(28, "No space left on device", "out"))
+        "persid.reports.objects.write_atomically", raising(OSError(28, "No space left on device", "out"))
     )
     assert cli.main(RUN) == 2
     assert {name: (here / "out" / name).read_bytes() for name in files(here / "out")} == before
@@ -173,7 +174,7 @@ def test_full_disk(here: Path, undecided: Undecided, monkeypatch: pytest.MonkeyP
 
 def _cut(path: Path) -> None:
     """Deliver half of the files, then fail."""
-    with folder.delivery(path, ["*.json"]) as stage:
+    with delivery(path, ["*.json"]) as stage:
         (stage / "new.json").write_text("half")
         raise RuntimeError
 
@@ -187,7 +188,7 @@ def test_delivery_is_all_or_nothing(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError):
         _cut(tmp_path / "a" / "b")
     assert not (tmp_path / "a").exists()
-    with folder.delivery(tmp_path, ["*.json"]) as stage:
+    with delivery(tmp_path, ["*.json"]) as stage:
         (stage / "new.json").write_text("new")
     assert files(tmp_path) == {"new.json"}
 
@@ -200,11 +201,11 @@ def test_record_keeps_odd_numbers(here: Path, undecided: Undecided) -> None:
     content = json.loads(path.read_text())
     content["fit"]["condition_raw"] = {"float": "inf"}
     path.write_text(json.dumps(content))
-    record = folder.read_results(here / "out").record
+    record = read_results(here / "out").record
     assert record is not None
     assert record.fit is not None
     assert record.fit.condition_raw == float("inf")
-    folder.write_record(here, record)
+    record.save(here)
     assert json.loads((here / "run.json").read_text()) == content
 
 

@@ -16,11 +16,13 @@ import persid as ps
 from persid import plots
 from persid.commands.exit_codes import verdict_rows
 from persid.models import mathml
+from persid.reports import layout
 from persid.reports import page as report
 from persid.reports import proof_figures as portraits
-from persid.reports import results as folder
 from persid.reports.comparison import caution
-from persid.reports.results import Record, Results, Source
+from persid.reports.record import Record, Source, versions
+from persid.reports.results import Results, read_results
+from persid.reports.verdict_files import write_verdict
 from persid.verdicts.evidence import Evidence
 from persid.verdicts.summary import limits
 from persid.verdicts.verdict import Attempt, Certified, Reason, Undecided
@@ -44,7 +46,7 @@ def results(certificate: ps.Certificate, **changes: Any) -> Results:
     fit = ps.PersidskiiIdentifier(functions=["x", "tanh(x)"]).fit(data)
     record = Record(
         "persid run data.csv -o out", (Source("somewhere/data.csv", "ab" * 32),), {}, fit.report_, ATTEMPTS,
-        folder.versions(),
+        versions(),
     )  # fmt: skip
     return Results(certificate.model, Certified(certificate, ATTEMPTS), data, record)
 
@@ -383,10 +385,10 @@ def test_evidence_stands_beside_undecided_and_is_kept(tmp_path: Path) -> None:
     """A simulated divergence is told and drawn beside an undecided verdict, is no part of it, and is kept in files."""
     model = ps.PersidskiiModel([[-1, 0], [0, -1]], [("x**3", None, [[1, 0], [0, 0]])], domain=[[-2, 2], [-1, 1]])
     verdict = Undecided(Reason.STALLED, "", ATTEMPTS, None, Evidence(8, 3, (2.0, 1.0), 0.125))
-    model.save(tmp_path / folder.MODEL)
-    folder.write_verdict(tmp_path, verdict, model)
-    folder.write_record(tmp_path, Record("persid run", (), {}, None, ATTEMPTS, {}))
-    found = folder.read_results(tmp_path)
+    model.save(tmp_path / layout.MODEL)
+    write_verdict(tmp_path, verdict, model)
+    Record("persid run", (), {}, None, ATTEMPTS, {}).save(tmp_path)
+    found = read_results(tmp_path)
     assert found.verdict.evidence == verdict.evidence
     text = report.render(found)
     assert "3 of 8 runs diverged" in text

@@ -66,8 +66,10 @@ def run(
     from persid.certified_fits.identifier import Delivery, deliver
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
-    from persid.reports import results as folder
+    from persid.reports import layout
     from persid.reports.comparison import caution, comparison_rows
+    from persid.reports.record import Record, sources, versions
+    from persid.reports.results import Results
     from persid.verdicts.certify import certify
     from persid.verdicts.summary import summarize
 
@@ -86,12 +88,12 @@ def run(
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
-        verdict, facts = made.verdict, (made.verdict.attempts, folder.versions(), made.comparison)
-        record = folder.Record(_command(), folder.sources(data), how, fit.report_, *facts)
+        verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison)
+        record = Record(_command(), sources(data), how, fit.report_, *facts)
         progress("drawing the report")
-        proof = _deliver(output, folder.Results(made.model, verdict, measured, record))
+        proof = _deliver(output, Results(made.model, verdict, measured, record))
     brief = summarize(verdict)
-    paths = {"model": output / folder.MODEL, "report": output / folder.REPORT, _kind(proof): output / proof}
+    paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
     rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
     beside = caution(verdict, fit.report_, made.comparison)
@@ -217,14 +219,16 @@ def _identify(measured: "Measurements", **how: Any) -> Any:
 
 def _deliver(output: Path, results: Any) -> str:
     """Write all files of a run, or none; return the name of the file that carries the verdict."""
-    from persid.reports import results as folder
+    from persid.reports import layout
+    from persid.reports.delivery import delivery
     from persid.reports.page import write_report
+    from persid.reports.verdict_files import write_verdict
 
-    stale = [folder.CERTIFICATE, folder.WITNESS, folder.OBSTRUCTION, folder.INFEASIBLE, f"{folder.FIGURES}/*.png"]
-    with folder.delivery(output, stale) as stage:
-        results.model.save(stage / folder.MODEL)
-        proof = folder.write_verdict(stage, results.verdict, results.model)
-        folder.write_record(stage, results.record)
+    stale = [layout.CERTIFICATE, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE, f"{layout.FIGURES}/*.png"]
+    with delivery(output, stale) as stage:
+        results.model.save(stage / layout.MODEL)
+        proof = write_verdict(stage, results.verdict, results.model)
+        results.record.save(stage)
         write_report(results, stage)
     return proof
 

@@ -62,8 +62,10 @@ def report(folder: Path, as_json: bool, quiet: bool) -> int:
     Example:
       persid report out
     """
+    from persid.reports.delivery import delivery
+    from persid.reports.layout import FIGURES, REPORT
     from persid.reports.page import write_report
-    from persid.reports.results import FIGURES, REPORT, delivery, read_results
+    from persid.reports.results import read_results
 
     talk = Talk(as_json, quiet)
     with talk.progress() as progress:

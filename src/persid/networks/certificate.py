@@ -164,6 +164,15 @@ class NetworkObstruction:
     arrays: bytes | None
     statement: str
 
+    @classmethod
+    def accept(cls, data: bytes, arrays: bytes | None) -> "NetworkObstruction":
+        """Return the obstruction that these bytes are.
+
+        Raises:
+            RejectedError: the checker does not accept them as one; the message gives its reason.
+        """
+        return cls(data, arrays, accepted(data, ("L1-infeasible",), arrays).statement)
+
     def save(self, path: str | Path) -> None:
         """Write the accepted bytes, and beside them the companion under the name that they give."""
         _save(self.content, self.data, self.arrays, path)
@@ -214,7 +223,7 @@ def obstruct(model: PersidskiiModel, net: Network, found: Perron) -> NetworkObst
         model, "L1-infeasible", statement, {"kinds": kinds}, {"z": ("z", z), "choice": ("choice", choice)}
     )
     try:
-        return NetworkObstruction(data, arrays, accepted(data, ("L1-infeasible",), arrays).statement)
+        return NetworkObstruction.accept(data, arrays)
     except RejectedError:
         return None
 
@@ -226,14 +235,15 @@ def load(data: bytes, folder: Path) -> NetworkCertificate:
         RejectedError: the checker does not accept it.
     """
     content = json.loads(data)
-    arrays = _companion(content.get("companion"), folder)
+    arrays = companion(data, folder)
     answer = accepted(data, ("L1",), arrays)
     model = PersidskiiModel.from_canonical(content["model"], arrays)
     return NetworkCertificate(data, arrays, model, answer.statement, answer.steps)
 
 
-def _companion(entry: Any, folder: Path) -> bytes | None:
+def companion(data: bytes, folder: Path) -> bytes | None:
     """Return the bytes of the companion that a file names; what is no plain file name is left to the checker."""
+    entry = json.loads(data).get("companion")
     name = entry.get("npz") if isinstance(entry, dict) else None
     if not (isinstance(name, str) and persid_check.companion.NAME.fullmatch(name)):
         return None

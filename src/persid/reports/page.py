@@ -23,15 +23,8 @@ from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
 from persid.reports.comparison import caution
 from persid.reports.figures import Drawing, FreeRun
-from persid.reports.results import (
-    CERTIFICATE,
-    FIGURES,
-    INFEASIBLE,
-    MODEL,
-    REPORT,
-    WITNESS,
-    Results,
-)
+from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS
+from persid.reports.results import Results
 from persid.verdicts.summary import limits, summarize
 from persid.verdicts.verdict import Certified, Refuted
 

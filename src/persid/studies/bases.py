@@ -21,7 +21,7 @@ import persid as ps
 from persid import plots
 from persid.identification.free_runs import Score, free_run_score
 from persid.reports.figures import Drawing
-from persid.reports.results import versions
+from persid.reports.record import versions
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, protocol
 

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from persid._files import write_atomically
 from persid.models.model import PersidskiiModel
-from persid.reports.results import versions
+from persid.reports.record import versions
 from persid.verdicts.summary import summarize
 from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided, Verdict
 

@@ -22,7 +22,7 @@ from persid import plots
 from persid.certified_fits.identifier import CertifiedIdentifier
 from persid.identification.free_runs import free_run_score
 from persid.reports.figures import Drawing
-from persid.reports.results import versions
+from persid.reports.record import versions
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, protocol
 

@@ -24,7 +24,7 @@ from persid import plots
 from persid.identification.baselines import OneStepRegressor
 from persid.identification.free_runs import Score, free_run_score, one_step, score
 from persid.reports.figures import Drawing
-from persid.reports.results import versions
+from persid.reports.record import versions
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, protocol, spread
 

@@ -1,0 +1,5 @@
+"""The names of the files in the folder of a run."""
+
+MODEL, RECORD, REPORT, FIGURES = "model.json", "run.json", "report.html", "figures"
+CERTIFICATE, WITNESS, OBSTRUCTION = "certificate.json", "witness.json", "obstruction.json"
+INFEASIBLE = "infeasible.json"  # the proof of an obstruction, where there is one

@@ -1,0 +1,85 @@
+"""The record of a run: how its results came about, in run.json."""
+
+import hashlib
+import platform
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from persid.errors import FolderError
+from persid.identification.diagnostics import FitReport
+from persid.reports.layout import RECORD
+from persid.reports.objects import read_object, restored, write_object
+from persid.verdicts.verdict import Attempt
+
+FORMAT = "persid-run-1"
+PACKAGES = ("persid", "numpy", "scipy", "scikit-learn", "pandas", "python-flint")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of measurements and the SHA-256 of its bytes."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Record:
+    """How the results of a run came about. `reading` holds the options of `read_csv`.
+
+    `comparison` sets the free fit and the one under the certificate side by side, where both were made.
+    """
+
+    command: str
+    sources: tuple[Source, ...]
+    reading: Mapping[str, Any]
+    fit: FitReport | None
+    attempts: tuple[Attempt, ...]
+    versions: Mapping[str, str]
+    comparison: Mapping[str, Any] | None = None
+
+    def save(self, folder: Path) -> None:
+        """Write run.json; paths of measurements are kept absolute."""
+        absolute = tuple(replace(source, path=str(Path(source.path).resolve())) for source in self.sources)
+        write_object(folder / RECORD, {"format": FORMAT, **asdict(replace(self, sources=absolute))})
+
+    @classmethod
+    def load(cls, folder: Path) -> "Record | None":
+        """Read run.json, where there is one.
+
+        Raises:
+            FolderError: it is not the record of a run.
+        """
+        path = folder / RECORD
+        if not path.is_file():
+            return None
+        content = read_object(path, FORMAT)
+        try:
+            found: Record = restored(cls, {name: part for name, part in content.items() if name != "format"})
+            return found
+        except (KeyError, TypeError, ValueError) as error:
+            raise FolderError(f"{path}: not the record of a run: {error}") from None
+
+
+def sources(paths: Sequence[str | Path]) -> tuple[Source, ...]:
+    """Return the files of measurements with their hashes."""
+    return tuple(Source(str(path), sha256(Path(path))) for path in paths)
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that a result depends on."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        with suppress(metadata.PackageNotFoundError):
+            found[package] = metadata.version(package)
+    return found

@@ -1,0 +1,99 @@
+"""The file of a verdict: a certificate, a witness, or why it is undecided; and back, checked again."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+from persid.certificates.certificate import Certificate
+from persid.certificates.obstruction import Obstruction
+from persid.certificates.witness import Witness
+from persid.errors import FolderError, RejectedError
+from persid.models.model import PersidskiiModel
+from persid.networks.certificate import NetworkCertificate, NetworkObstruction, companion
+from persid.reports.layout import CERTIFICATE, INFEASIBLE, MODEL, OBSTRUCTION, WITNESS
+from persid.reports.objects import read_object, restored, write_object
+from persid.verdicts.checking import load_certificate
+from persid.verdicts.evidence import Evidence
+from persid.verdicts.verdict import Attempt, Certified, Reason, Refuted, Undecided, Verdict
+
+FORMAT = "persid-obstruction-1"
+
+
+def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel) -> str:
+    """Write certificate.json, witness.json or obstruction.json, whichever the verdict calls for; return its name."""
+    if isinstance(verdict, Certified):
+        verdict.certificate.save(folder / CERTIFICATE)
+        return CERTIFICATE
+    if isinstance(verdict, Undecided):
+        write_object(folder / OBSTRUCTION, _why(verdict, model))
+        if verdict.obstruction is not None:
+            verdict.obstruction.save(folder / INFEASIBLE)
+        return OBSTRUCTION
+    verdict.witness.save(folder / WITNESS)
+    return WITNESS
+
+
+def _why(verdict: Undecided, model: PersidskiiModel) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "verdict": "undecided",
+        "reason": verdict.reason.name,
+        "sentence": verdict.reason.value,
+        "detail": verdict.detail,
+        "model_sha256": model.sha256,
+        "proof": INFEASIBLE if verdict.obstruction else None,
+        "evidence": asdict(verdict.evidence) if verdict.evidence else None,
+        "attempts": [asdict(attempt) for attempt in verdict.attempts],
+    }
+
+
+def read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt, ...]) -> Verdict:
+    """Return the verdict whose file stands in a folder.
+
+    Raises:
+        FolderError: there is none, the checker does not accept it, or it speaks of another model.
+    """
+    if (folder / CERTIFICATE).is_file():
+        return Certified(_proof(folder / CERTIFICATE, model, load_certificate), attempts)
+    if (folder / WITNESS).is_file():
+        return Refuted(_proof(folder / WITNESS, model, _witness), attempts)
+    if not (folder / OBSTRUCTION).is_file():
+        files = f"{CERTIFICATE}, {WITNESS} and {OBSTRUCTION}"
+        raise FolderError(f"{folder}: none of {files} is there; run persid run again")
+    content = read_object(folder / OBSTRUCTION, FORMAT)
+    if content.get("model_sha256") != model.sha256:
+        raise FolderError(f"{folder}: {OBSTRUCTION} speaks of another model than {MODEL}; run persid run again")
+    try:
+        proof = _proof(folder / INFEASIBLE, model, _obstruction) if content["proof"] else None
+        evidence = restored(Evidence, content.get("evidence"))
+        return Undecided(Reason[content["reason"]], content["detail"], attempts, proof, evidence)
+    except KeyError as error:
+        raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
+
+
+Proof = TypeVar("Proof", Certificate | NetworkCertificate, Witness, Obstruction | NetworkObstruction)
+
+
+def _proof(path: Path, model: PersidskiiModel, read: Callable[[Path], Proof]) -> Proof:
+    """Return a proof that the checker accepts and that speaks of this model."""
+    try:
+        proof = read(path)
+    except RejectedError as error:
+        raise FolderError(f"{path}: {error}") from None
+    if proof.content["model_sha256"] != model.sha256:
+        raise FolderError(f"{path}: it speaks of another model than {MODEL}; run persid run again")
+    return proof
+
+
+def _witness(path: Path) -> Witness:
+    return Witness.accept(path.read_bytes())
+
+
+def _obstruction(path: Path) -> Obstruction | NetworkObstruction:
+    data = path.read_bytes()
+    arrays = companion(data, path.parent)
+    if json.loads(data).get("claim") == "L1-infeasible":
+        return NetworkObstruction.accept(data, arrays)
+    return Obstruction.accept(data)
