@@ -2,7 +2,8 @@
 
 import re
 
-TIME = re.compile(r"[\d.]+ s$", re.M)  # seconds at the end of a line differ from run to run
+from snippets import TIME
+
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 

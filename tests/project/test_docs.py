@@ -1,112 +1,28 @@
 """The documentation: every snippet runs and prints what the page says; every page can be reached."""
 
-import contextlib
-import io
 import json
 import re
-import shlex
-import shutil
-from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import benchmark_tables
 import make_rooms
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import pytest
+from snippets import FENCE, RUNNABLE, blocks, prepare, run
 
 import persid as ps
 import persid_check
-from persid.commands.cli import main
-from persid_check.__main__ import main as check_alone
 from places import ROOT
 from shown import numbers, words
 
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
-FENCE = re.compile(r"^( *)(`{3,})([^\n`]*)\n(.*?)\n\1\2 *$", re.M | re.S)
 SHOWN = {
     "text",
     "json",
     "{.python .example}",
 }  # not run here: outputs, files, and the examples, which test_examples runs
-ALONE = "PYTHONPATH=src checker/bin/python -m persid_check"
-ELSEWHERE = (
-    "python3 -m venv",
-    "checker/bin/pip",
-    ".venv/bin/pip",
-    ".venv/bin/pytest",
-)  # what .ci/run does in a fresh environment
 README = ROOT / "README.md"
 LONG = ("fitting-under-the-certificate", "troubleshooting", "large-data")  # their snippets run with -m long
-SHORT = ("1_000_000", "1_000")  # a network of a million states is tested with a thousand
-DELIVERED: dict[tuple[str, ...], tuple[Path, str]] = {}  # what `persid run` left and printed, by its arguments
-
-
-@dataclass(frozen=True)
-class Block:
-    """One fenced block of a page: its language, its text, and the output that the page shows for it, if any."""
-
-    line: int
-    language: str
-    text: str
-    output: str | None = None
-
-
-def blocks(path: Path) -> list[Block]:
-    """Return the fenced blocks of a page; a block of text right after one that runs is its output."""
-    text = path.read_text(encoding="utf-8")
-    found = list(FENCE.finditer(text))
-    after = {one.end(): two for one, two in pairwise(found) if not text[one.end() : two.start()].strip()}
-    return [
-        Block(text.count("\n", 0, match.start()) + 1, match[3].strip(), match[4], _output(after.get(match.end())))
-        for match in found
-    ]
-
-
-def _output(match: re.Match[str] | None) -> str | None:
-    return match[4] if match is not None and match[3].strip() in ("text", "") else None
-
-
-def run(block: Block, names: dict[str, object], page: Path) -> str:
-    """Run a block and return what it prints."""
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed), mpl.rc_context({"backend": "agg"}):
-        if block.language == "python":
-            exec(compile("\n" * block.line + block.text.replace(*SHORT), str(page), "exec"), names)
-        else:
-            for command in re.sub(r"\\\n", " ", block.text).splitlines():
-                for part in command.split(" && "):
-                    _persid(part.split("  #")[0].strip())
-    plt.close("all")
-    return printed.getvalue()
-
-
-def _persid(command: str) -> None:
-    """Run one persid command in this process; commands of .ci/run pass, others are no part of a page.
-
-    `persid run` takes seconds and stands on several pages: the same command is run once, and its folder copied.
-    """
-    if not command or command.startswith(ELSEWHERE):
-        return
-    if command.startswith(ALONE):
-        assert check_alone(shlex.split(command.removeprefix(ALONE))) == 0
-        return
-    program, *arguments = shlex.split(command.removeprefix(".venv/bin/"))
-    assert program == "persid", f"{command!r} is no persid command; mark the block as text"
-    key = tuple(arguments)
-    if key in DELIVERED:
-        folder, printed = DELIVERED[key]
-        shutil.copytree(folder, arguments[-1])
-        print(printed)
-        return
-    heard = io.StringIO()
-    with contextlib.redirect_stdout(heard):
-        assert main(arguments) == 0, command
-    print(heard.getvalue())
-    if arguments[0] == "run":
-        DELIVERED[key] = (Path(arguments[-1]).resolve(), heard.getvalue())
 
 
 @pytest.fixture
@@ -117,13 +33,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def _certificate(folder: Path) -> None:
-    """Put the files there on which pages of reference call their commands."""
-    model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
-    model.save(folder / "model.json")
-    ps.certify(model).certificate.save(folder / "certificate.json")
-
-
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=[pytest.mark.long] * (page.stem in LONG)) for page in [*PAGES, README]],
@@ -131,13 +40,8 @@ def _certificate(folder: Path) -> None:
 )
 def test_snippets_run(page: Path, here: Path) -> None:
     """Every snippet of a page runs, in the order of the page, and prints the numbers and words that the page shows."""
-    runnable = [block for block in blocks(page) if block.language in ("python", "sh", "bash")]
-    if page == README:
-        runnable = [block for block in runnable if block.language != "python"]  # test_readme runs that one
-    if any("certificate.json" in block.text for block in runnable) and "OUT/" not in "".join(b.text for b in runnable):
-        _certificate(here)
     names: dict[str, object] = {"__name__": "__main__"}
-    for block in runnable:
+    for block in prepare(page, here):
         printed = run(block, names, page)
         if block.output is not None:
             where = f"{page.name}, line {block.line}"
@@ -148,7 +52,7 @@ def test_snippets_run(page: Path, here: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(DOCS)))
 def test_blocks_are_run_or_marked(page: Path) -> None:
     """Every fenced block of the documentation is Python, a shell command, or marked as something that is only shown."""
-    unmarked = [block.line for block in blocks(page) if block.language not in {"python", "sh", "bash", *SHOWN}]
+    unmarked = [block.line for block in blocks(page) if block.language not in {*RUNNABLE, *SHOWN}]
     assert not unmarked, f"{page.name}: blocks in lines {unmarked} are not marked"
 
 
