@@ -33,6 +33,22 @@ def test_nothing_diverges() -> None:
     assert str(found) == f"None of {RUNS} simulated runs diverged, which proves nothing."
 
 
+def test_runs_that_do_not_settle_are_counted() -> None:
+    """x1' = x2, x2' = x2 - x2^3 - x1 circles for ever from wherever it starts: none diverged, all still move."""
+    circling = ps.PersidskiiModel(
+        [[0.0, 1.0], [-1.0, 1.0]], [("x**3", [[0.0, 1.0]], [[0.0], [-1.0]])], [[0.0], [1.0]], domain=[[-2.0, 2.0]] * 2
+    )
+    found = simulated(circling, np.zeros(1))
+    assert (found.diverged, found.moving) == (0, RUNS)
+    assert f"{RUNS} had not come to rest at their end" in str(found)
+    assert simulated(cubic(-1.0), np.zeros(1)).moving == 0
+
+
+def test_runs_start_in_the_box_that_was_asked_about() -> None:
+    """Within [-1/2, 1/2] nothing of x' = -x + x^3 diverges."""
+    assert simulated(cubic(1.0), np.zeros(1), np.array([[-0.5, 0.5]])).diverged == 0
+
+
 def test_the_work_is_bounded() -> None:
     """A stiff model and one that jumps about end after a fixed number of steps."""
     stiff = ps.PersidskiiModel([[-1e6, 1.0], [0.0, -1e-6]], [], [[1.0], [1.0]])

@@ -34,7 +34,7 @@ def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray
     """Return d >= 0 for each form."""
     y, _, integral = _sampled(curve)
     with np.errstate(all="ignore"):
-        ratio = np.nanmin(2 * (integral @ forms.T) / y[:, None] ** 2, axis=0)
+        ratio = np.nanmin(2 * (integral @ forms.T) / y[:, None] ** 2, axis=0, initial=np.inf)
     ratio = np.where(np.isfinite(ratio), ratio, 0.0)
     size = np.exp2(np.floor(np.log2(np.maximum(ratio, 1e-300))))
     worth = ratio > 1e-2 * np.abs(forms).max(axis=1)

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +21,9 @@ from persid.models.functions import scalar_function
 from persid_check.expression import Program
 from persid_check.prover import prove_nondecreasing, prove_sector_form
 
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
+
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
 LOOSE = 2.0**-8  # the same for nondecreasing forms, whose proof takes about 1 / sqrt(LOOSE) pieces
 RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
@@ -28,6 +32,7 @@ HULL_SAMPLES = {1: 10, 2: 400, 3: 400, 4: 400, 5: 120, 6: 40}  # by dimension: t
 FINE_SAMPLES = 3000
 NEAR_INTEGER = 1e-4  # a sampled slope so near to an integer is taken for it, before it is proved
 STEEP = 1e6  # a sampled slope beyond this has no bound
+SIZE_BITS = 100  # sizes beyond 2^+-100, as of softplus at -700, would overflow in products
 LARGEST_VALUE = 1e120  # samples of the curve stop where a function exceeds this
 
 
@@ -39,6 +44,7 @@ class Curve:
     factors: tuple[Fraction, ...]
     domain: tuple[Fraction, Fraction] | None = None
     shift: tuple[Fraction, Fraction] | None = None
+    fixed: bool = False  # the argument row is zero: y is always 0, and a form in y alone vanishes
 
     @property
     def size(self) -> int:
@@ -149,6 +155,7 @@ def groups(channels: Channels, place: Place | None = None) -> tuple[Group, ...]:
             tuple(factor for _, factor in present),
             None if place is None else place.domain(row),
             None if place is None else place.shift(row),
+            not row.any(),
         )
         found.append(Group(row, tuple(c for c, _ in present), tuple(c for c, _ in members), curve))
     return tuple(found)
@@ -176,13 +183,12 @@ def sizes(curve: Curve) -> Float[ndarray, " d"]:
     """Return the size of each entry of phi at |y| = 1 (or at the end of a smaller domain): powers of two."""
     end = 1.0 if curve.domain is None else min(1.0, -float(curve.domain[0]), float(curve.domain[1]))
     value = np.abs(curve.values(np.array([-end, end]))).max(axis=0) / end
-    return np.exp2(np.round(np.log2(np.where((value > 0) & np.isfinite(value), value, 1.0))))
+    value = np.where((value > 0) & np.isfinite(value), value, 1.0)
+    return np.exp2(np.clip(np.round(np.log2(value)), -SIZE_BITS, SIZE_BITS))
 
 
 def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
     """Return inward unit normals of the facets of the conic hull of the rows of V (unit vectors in a half space)."""
-    from scipy.spatial import ConvexHull, QhullError
-
     d = V.shape[1]
     if d == 1:
         return np.ones((1, 1))
@@ -198,12 +204,23 @@ def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
         ends = np.array([points.max(), points.min()])
         normals = np.stack([ends[0] * centre - section[0], section[0] - ends[1] * centre])
     else:
-        try:
-            hull = ConvexHull(points)
-        except QhullError:
-            hull = ConvexHull(points, qhull_options="QJ")
+        hull = _hull(points)
+        if hull is None:
+            return np.zeros((0, d))
         normals = -(hull.equations[:, :-1] @ section + hull.equations[:, -1:] * centre)
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _hull(points: Float[ndarray, "N e"]) -> "ConvexHull | None":
+    """Return the convex hull of points, of points moved a little where they lie in a plane; None where both fail."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    for options in (None, "QJ"):
+        try:
+            return ConvexHull(points, qhull_options=options)
+        except QhullError:
+            continue
+    return None
 
 
 def _interior(V: ndarray) -> ndarray:
@@ -311,7 +328,10 @@ def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[fl
     depth = fine @ deepest
     if not len(V) or depth.min() <= 0:
         return ()
-    L = _spread(_facets(V), count)
+    facets = _facets(V)
+    if not len(facets):
+        return ()
+    L = _spread(facets, count)
     lack = np.max(-(fine @ L.T) / depth[:, None], axis=0, initial=0.0)  # between samples a facet may cut the curve
     L = L + (1.25 * lack + (LOOSE if slopes else RELAXATION))[:, None] * deepest
     L = np.round(L / ROUNDING) * ROUNDING

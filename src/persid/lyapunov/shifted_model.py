@@ -52,6 +52,7 @@ class Setting:
             rising, alone = nondecreasing_pool(curve), axes(curve)
             # a group whose functions all have zero columns takes no part: it has no forms, and so no constants
             listed = list(dict.fromkeys([*rising, *pool(curve), *alone])) if curve.functions else []
+            listed = [form for form in listed if any(form[1:])] if curve.fixed else listed
             forms = np.array(listed).reshape(-1, curve.size)
             pools[curve] = forms
             simple = np.array([form in alone for form in listed], bool)

@@ -148,7 +148,7 @@ def scaling(system: System) -> Scaling:
     for group in system.groups:
         support = np.flatnonzero(group.row)
         if len(support) == 1:
-            states[support[0]] = 1 / group.row[support[0]]  # sign and all: mu >= 0 belongs to y, not to x
+            states[support[0]] = 1 / abs(group.row[support[0]])
             free[support[0]] = False
     if free.any():
         states[free] = _balance(_couplings(system) / np.abs(states)[:, None] * np.abs(states), free)

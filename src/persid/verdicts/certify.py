@@ -139,8 +139,9 @@ def _undecided(failure: Failure, asked: _Asked, log: Log) -> Undecided:
     # where a function ends, a run that goes on tells nothing
     if log.limit > 0 and not asked.model.is_large and not undefined(asked.model):
         with log.attempt("simulations from bounded states") as outcome:
-            evidence = simulated(asked.model, asked.u)
-            outcome.append(f"{evidence.diverged} of {evidence.runs} diverged")
+            evidence = simulated(asked.model, asked.u, asked.box)
+            moving = f", {evidence.moving} still moving" if evidence.moving else ""
+            outcome.append(f"{evidence.diverged} of {evidence.runs} diverged{moving}")
     return Undecided(failure.reason, failure.detail, tuple(log.attempts), failure.obstruction, evidence)
 
 
@@ -227,14 +228,14 @@ def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certifica
 
 def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, log: Log) -> Certificate | Failure:
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
-    answer = Failure(Reason.OUTSIDE, words.NOT_INSIDE)
+    first: Failure | None = None  # of the equilibrium that was asked about, the nearest one
     for point in points:
         if not (point.reach(box) > 0).all():
             continue
         if missing := undefined(asked.model, point, box):
-            return Failure(Reason.OUTSIDE, words.UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
+            return first or Failure(Reason.OUTSIDE, words.UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
         if log.left() <= 0:
-            return stopped(Status.TIME)
+            return first or stopped(Status.TIME)
         setting = Setting.of(asked.model, point, box)
         for kind in _kinds(asked.model):
             with log.attempt(f"region in the box, {kind} P") as outcome:
@@ -243,8 +244,9 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
                 outcome.append(_word(tried))
             if isinstance(tried, Certificate):
                 return tried
-            answer = tried
-    return answer
+            failure = tried
+        first = first or failure
+    return first or Failure(Reason.OUTSIDE, words.NOT_INSIDE)
 
 
 def _word(answer: Certificate | NetworkCertificate | Failure) -> str:

@@ -15,35 +15,41 @@ from persid.models.model import PersidskiiModel
 RUNS = 8  # initial states, drawn from a box
 STEPS = 300  # of the solver, in one run
 SPAN = 100.0  # a run lasts so many times the inverse of the largest rate of the linearisation
+STILL = 0.01  # of its largest speed: a run that is slower at its end has come to rest
 FAR = 1e4  # a state beyond so many times the size of the box has diverged
 HUGE = 1e200  # right sides are cut off here, so that a blow-up ends far away and not in NaN
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What `runs` simulations did: how many diverged, and the initial state and time (s) of the first that did."""
+    """What `runs` simulations did: how many diverged, with initial state and time (s) of the first, and how many others
+    were still moving at their end, at more than a hundredth of their largest speed."""
 
     runs: int
     diverged: int
     x0: tuple[float, ...] | None = None
     time: float | None = None
+    moving: int = 0
 
     def __str__(self) -> str:
+        moving = f"; {self.moving} had not come to rest at their end" if self.moving else ""
         if self.time is None or self.x0 is None:
-            return f"None of {self.runs} simulated runs diverged, which proves nothing."
+            return f"None of {self.runs} simulated runs diverged{moving}, which proves nothing."
         start = ", ".join(f"{v:.4g}" for v in self.x0[:6]) + (", …" if len(self.x0) > 6 else "")
         return (
             f"In simulations at the nominal input {self.diverged} of {self.runs} runs diverged, the first one from"
-            f" ({start}) at t = {self.time:.4g} s; this is evidence, not a proof."
+            f" ({start}) at t = {self.time:.4g} s{moving}; this is evidence, not a proof."
         )
 
 
-def simulated(model: PersidskiiModel, u: Float[ndarray, " m"], seed: int = 0) -> Evidence:
-    """Simulate from states of the box of the data, or of a box of a few units of the functions.
+def simulated(
+    model: PersidskiiModel, u: Float[ndarray, " m"], box: Float[ndarray, "n 2"] | None = None, seed: int = 0
+) -> Evidence:
+    """Simulate from states of a box: that which was asked about, else that of the data, else a few units of functions.
 
     A run ends after a fixed number of steps, so that the time this takes is bounded; the state may diverge later.
     """
-    box = usual_box(model)
+    box = usual_box(model) if box is None else box
     starts = np.random.default_rng(seed).uniform(box[:, 0], box[:, 1], (RUNS, model.n))
     starts[0] = box[:, 1]
     with np.errstate(all="ignore"):
@@ -55,23 +61,26 @@ def simulated(model: PersidskiiModel, u: Float[ndarray, " m"], seed: int = 0) ->
         return np.clip(np.nan_to_num(dot(x) + force, nan=HUGE), -HUGE, HUGE)
 
     far = FAR * (1 + float(np.abs(box).max()))
-    times = [_diverged_at(rate, x0, span, far) for x0 in starts]
+    runs = [_run(rate, x0, span, far) for x0 in starts]
+    times, moving = [time for time, _ in runs], sum(moves for _, moves in runs)
     first = next((k for k, time in enumerate(times) if time is not None), None)
     diverged = sum(time is not None for time in times)
     if first is None:
-        return Evidence(RUNS, 0)
-    return Evidence(RUNS, diverged, tuple(float(v) for v in starts[first]), times[first])
+        return Evidence(RUNS, 0, moving=moving)
+    return Evidence(RUNS, diverged, tuple(float(v) for v in starts[first]), times[first], moving)
 
 
-def _diverged_at(rate: Callable[[float, ndarray], ndarray], x0: ndarray, span: float, far: float) -> float | None:
-    """Return the time at which a run has left every reasonable bound, or None."""
+def _run(rate: Callable[[float, ndarray], ndarray], x0: ndarray, span: float, far: float) -> tuple[float | None, bool]:
+    """Return the time at which a run has left every reasonable bound, or None, and whether it moves at its end."""
+    fastest = float(np.abs(rate(0.0, x0)).max())
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # a solver's complaint is what is looked for
         solver = LSODA(rate, 0.0, x0, span, rtol=1e-4, atol=1e-6)
         for _ in range(STEPS):
             solver.step()
             if not np.abs(solver.y).max() < far:
-                return float(solver.t)
+                return float(solver.t), False
+            fastest = max(fastest, float(np.abs(rate(solver.t, solver.y)).max()))
             if solver.status != "running":
                 break
-    return None
+    return None, bool(np.abs(rate(solver.t, solver.y)).max() > STILL * fastest)

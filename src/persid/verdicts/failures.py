@@ -26,6 +26,11 @@ UNDEFINED = (
 )
 UNDEFINED_IN_BOX = "It is not proved that {} is defined and continuous in the whole box; give a smaller one."
 NO_SLOPE = "A slope at the operating point is not finite, or not known in floating point."
+SMALLER = "A smaller box about the operating point, or fewer functions, may allow one."
+NO_GROWTH = (
+    "V was found to fall everywhere, but not to grow without bound in every direction: there act functions that are "
+    "bounded, or grow on one side only, and no linear part. A region in a box does not need that growth."
+)
 UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."
 NO_DECAY = "The linearisation at the operating point is not exponentially stable."
 NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
 from persid.verdicts.verdict import Reason
+from persid_check.prover import prove_radially_unbounded
 
 RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
 
@@ -43,12 +45,27 @@ def settled(setting: Setting, find: Find, log: Log) -> tuple[Certificate | Failu
             if not dropped:
                 log.progress("checking in exact arithmetic")
                 return Certificate.accept(write(setting.model, found, setting.point, setting.box)), setting
-        except (RejectedError, RoundingError) as error:
+        except RejectedError as error:
+            if isinstance(found, Lyapunov) and not grows(setting, found):
+                return Failure(Reason.FORM, words.NO_GROWTH), setting
+            return Failure(Reason.ROUNDING, str(error)), setting
+        except RoundingError as error:
             return Failure(Reason.ROUNDING, str(error)), setting
         for line in dropped:
             log.progress(f"not proved and dropped: {line}")
         unproved += dropped
     return stopped(Status.TIME), setting
+
+
+def grows(setting: Setting, lyapunov: Lyapunov) -> bool:
+    """Whether states in V as such and the rows of functions unbounded at both ends span the state space (claim M)."""
+    rows = [np.eye(lyapunov.system.n)[list(lyapunov.system.states)]]
+    for group in setting.found:
+        curve = group.curve
+        axes = [tuple(Fraction(int(j == k)) for k in range(curve.size)) for j in range(1, curve.size)]
+        if any(prove_radially_unbounded(curve.exact, axis, curve.domain, curve.shift) for axis in axes):
+            rows.append(group.row[None])
+    return bool(np.linalg.matrix_rank(np.vstack(rows)) == lyapunov.system.n)
 
 
 def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
@@ -86,6 +103,8 @@ def rate_and_gain(setting: Setting, full_P: bool, each: bool, log: Log) -> Lyapu
     )
     best = best_rate(question, fastest, log.left)
     if best is None:
+        if log.left() > 0 and reach is not None:
+            return Failure(Reason.NOT_FOUND, words.SMALLER)
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     gentle = smallest_gain(question, RATE_SHARE * best.assembly.target.kappa, best, log.left) or best
     return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
