@@ -124,10 +124,13 @@ def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
         bounds = []
         if brief.rate is not None and brief.gain is not None:
             bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"]
+        elif brief.rate is not None and brief.output_gains is not None:
+            gains = ", ".join(f"{name} {above(gain)}" for name, gain in brief.output_gains.items())
+            bounds = [f"rate {below(brief.rate)} 1/s, gain of {gains}"]
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
-        gains = {} if brief.gain is None else named_gains(verdict)
-        if len(set(gains.values())) > 1:
-            bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in gains.items()))
+        named = {} if brief.gain is None else named_gains(verdict)
+        if len(set(named.values())) > 1:
+            bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))
         return [("verdict", "\n".join([text, *bounds]))]
     return [("verdict", f"{brief.verdict}: {brief.reason}")]

@@ -133,7 +133,8 @@ proving = together(
                  help="Seconds for each verdict."),
 )  # fmt: skip
 simulating = together(
-    click.option("--x0", type=Numbers(), required=True, help="Initial state, such as 1,3."),
+    click.option("--x0", type=Numbers(), help="Initial state, such as 1,3."),
+    click.option("--y-init", type=FILE, help="CSV with the first measured outputs, in place of --x0."),
     click.option("--input", "signals", multiple=True, metavar="EXPRESSION",
                  help='Input as a function of t in s, such as "0.5*sin(t)"; once for each input, in order.'),
     click.option("--inputs-csv", "table", type=FILE, help="Inputs from a file, each value held until the next."),

@@ -15,8 +15,13 @@ from persid.commands.options import FILE, NEW_FILE, SHELLS, simulating, talking
 @simulating
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The CSV file to write.")
 @talking
-def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: bool, **inputs: Any) -> int:
-    """Simulate a model and write t, states and inputs as CSV.
+def simulate(
+    model: Path, x0: list[float] | None, y_init: Path | None, output: Path, as_json: bool, quiet: bool, **inputs: Any
+) -> int:
+    """Simulate a model and write t, states (of an output model: outputs) and inputs as CSV.
+
+    An output model starts from --x0, its latent state, or from the first measured outputs: --y-init names a file with
+    their columns, whose rows belong to the first times.
 
     Without --input or --inputs-csv the inputs stay at u_ref. A run that diverges ends there, and so does one
     of a model that is too fast or too stiff to be followed; this is said.
@@ -31,9 +36,10 @@ def simulate(model: Path, x0: list[float], output: Path, as_json: bool, quiet: b
     subject = read_model(model)
     refuse_unwritable(output)
     with talk.progress() as progress:
-        t, u = making.times_and_inputs(subject, **inputs)
+        start = making.start(subject, x0, y_init, inputs["time"])
+        t, u = making.times_and_inputs(getattr(subject, "dynamics", subject), **inputs)
         progress("simulating")
-        found = subject.simulate(x0, t, u)
+        found = subject.simulate(t=t, u=u, **start)
     output.parent.mkdir(parents=True, exist_ok=True)
     making.write_csv(output, found)
     gone, stopped = found[0].diverged_at, found[0].stopped_at

@@ -50,6 +50,25 @@ def times_and_inputs(
     return _grid(0.0, t_end, dt), _joined([signal(text) for text in signals]) if signals else None
 
 
+def start(model: Any, x0: Sequence[float] | None, y_init: Path | None, time: str | None) -> dict[str, Any]:
+    """Return where a simulation starts: x0, or of an output model the outputs of the first rows of a table.
+
+    Raises:
+        DataError: neither or both are given, the model has no outputs, or the table cannot be used.
+    """
+    outputs = getattr(model, "outputs", None)
+    if (x0 is None) == (y_init is None):
+        hint = "" if outputs is None else ", or --y-init, a file with the first measured outputs"
+        raise DataError(
+            f"--x0 is missing: give the initial state{hint}" if x0 is None else "give --x0 or --y-init, not both"
+        )
+    if y_init is None:
+        return {"x0": x0}
+    if outputs is None:
+        raise DataError("--y-init goes with an output model; the states of this one are measured: give --x0")
+    return {"y_init": read_csv(y_init, states=list(outputs), time=time, gap=np.inf)[0].x}
+
+
 def signal(text: str) -> Callable[[float], float]:
     """Return the function of t (s) that an expression such as "0.5*sin(t)" means."""
     if re.search(r"\bx\b", text):

@@ -133,6 +133,11 @@ class OutputModel:
         names = fit.outputs or None
         return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=names, provenance=provenance, **known)
 
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the dynamics, by which a certificate names its model."""
+        return self.dynamics.sha256
+
     def __repr__(self) -> str:
         n, m, k = self.dynamics.n, self.dynamics.m, len(self.outputs)
         return f"OutputModel({k} outputs {self.outputs}, {m} inputs {self.dynamics.inputs}, {n} latent states)"

@@ -13,6 +13,7 @@ from persid.errors import DataError
 from persid.measurements.engines import Cluster, Progress, make_engine, silent
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid.verdicts.certify import certify
 from persid.verdicts.verdict import Reason, Undecided, Verdict
 
@@ -43,7 +44,7 @@ Numbered = Iterator[tuple[int, Answer]]
 
 
 def certify_many(
-    models: Sequence[PersidskiiModel | str | Path],
+    models: Sequence[PersidskiiModel | OutputModel | str | Path],
     *,
     engine: Any = "processes",
     jobs: int | None = None,
@@ -102,7 +103,7 @@ def _engine(engine: Any, scheduler: str | None, jobs: int | None) -> Callable[[l
 def _decide(model: Any, question: dict[str, Any]) -> Answer:
     """Decide one model; whatever goes wrong becomes an answer."""
     try:
-        return certify(model if isinstance(model, PersidskiiModel) else load_model(model), **question)
+        return certify(load_model(model) if isinstance(model, str | Path) else model, **question)
     except Exception as error:
         return Failed(f"{type(error).__name__}: {error}")
 

@@ -7,6 +7,7 @@ from typing import Any
 import persid_check
 from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, load
 from persid_check import json_text
 from persid_check.results import FormatError, Result
@@ -41,7 +42,8 @@ def _claim(data: bytes) -> Any:
 
 
 def check(
-    certificate: Certificate | NetworkCertificate | str | Path, model: PersidskiiModel | str | Path | None = None
+    certificate: Certificate | NetworkCertificate | str | Path,
+    model: PersidskiiModel | OutputModel | str | Path | None = None,
 ) -> Result:
     """Check a certificate or the file of one; with `model`, it must be the model that the certificate speaks of.
 
@@ -68,7 +70,7 @@ def check(
     return answer
 
 
-def _bytes(model: PersidskiiModel | str | Path | None) -> bytes | Path | None:
-    if isinstance(model, PersidskiiModel):
+def _bytes(model: PersidskiiModel | OutputModel | str | Path | None) -> bytes | Path | None:
+    if isinstance(model, PersidskiiModel | OutputModel):
         return json.dumps(model.to_dict()).encode("utf-8")
     return None if model is None else Path(model)

@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
@@ -18,6 +19,7 @@ NO_PLANT = (
 class Summary:
     """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of claims E and R.
 
+    `output_gains` are those of the outputs of an output model, in their own units, in place of `gain`.
     `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
     """
 
@@ -30,6 +32,7 @@ class Summary:
     gain: float | None
     seconds: float
     evidence: dict[str, Any] | None = None
+    output_gains: dict[str, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
@@ -45,7 +48,14 @@ def summarize(verdict: Verdict) -> Summary:
         large = certificate.model.n > LISTED_STATES
         point = None if large else [float(x) for x in certificate.operating_point]
         rate, gain = certificate.rate, certificate.gain
-        return Summary(name, certificate.claim, certificate.scope, point, None, rate, gain, seconds)
+        outputs = certificate.output_gains if isinstance(certificate, Certificate) else None
+        named = (
+            None
+            if outputs is None
+            else dict(zip(certificate.content["outputs"]["outputs"], outputs.tolist(), strict=True))
+        )
+        claim, scope = certificate.claim, certificate.scope
+        return Summary(name, claim, scope, point, None, rate, gain, seconds, output_gains=named)
     evidence = asdict(verdict.evidence) if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
 

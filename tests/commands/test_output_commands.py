@@ -1,0 +1,76 @@
+"""Output models on the command line: certify, check, simulate."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.commands.cli import main
+from stable_fits import random_fit
+
+T = np.arange(40) * 0.1
+
+
+@pytest.fixture
+def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ps.OutputModel:
+    """An output model in an empty folder, with an input and the outputs that it gives."""
+    monkeypatch.chdir(tmp_path)
+    model = ps.OutputModel.from_fit(random_fit(3, n=2, q=2, outputs=2))
+    model.save("model.json")
+    u = np.sin(T)[:, None]
+    y = model.simulate(T, u, x0=[1.0, -1.0])[0].x
+    np.savetxt("in.csv", np.column_stack([T, u]), delimiter=",", header="t,u1", comments="")
+    np.savetxt("y.csv", np.column_stack([T, y])[:10], delimiter=",", header="t,y1,y2", comments="")
+    return model
+
+
+def test_an_output_model_is_certified_and_checked(found: ps.OutputModel, capsys: pytest.CaptureFixture[str]) -> None:
+    """The gain of every output is printed, the latent one is not; the file belongs to its model."""
+    assert main(["certify", "model.json", "-o", "c.json", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["gain"] is None
+    assert set(told["output_gains"]) == {"y1", "y2"}
+    assert main(["check", "c.json", "--model", "model.json"]) == 0
+    assert "|'y1' - y*| <=" in capsys.readouterr().out
+    assert main(["certify", "model.json", "-o", "c.json"]) == 0
+    assert "gain of y1 " in capsys.readouterr().out
+    ps.OutputModel(found.dynamics, 2 * found.C, found.D, found.d).save("other.json")
+    assert main(["check", "c.json", "--model", "other.json"]) == 5
+    assert "other outputs" in capsys.readouterr().out
+
+
+def test_an_output_model_is_simulated(found: ps.OutputModel) -> None:
+    """A run starts from a latent state, or from the first measured outputs."""
+    words = ["simulate", "model.json", "--inputs-csv", "in.csv"]
+    assert main([*words, "--x0", "1,-1", "-o", "a.csv"]) == 0
+    assert main([*words, "--y-init", "y.csv", "-o", "b.csv"]) == 0
+    a, b = (np.loadtxt(name, delimiter=",", skiprows=1) for name in ("a.csv", "b.csv"))
+    assert Path("a.csv").read_text().startswith("t,y1,y2,u1\n")
+    assert np.allclose(a, b, atol=1e-3)
+    assert np.allclose(a[:10, 1:3], np.loadtxt("y.csv", delimiter=",", skiprows=1)[:, 1:], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "--y-init, a file with the first measured outputs"),
+        (["--x0", "1,1", "--y-init", "y.csv"], "not both"),
+        (["--y-init", "in.csv"], "y1"),
+        (["--x0", "1"], "x0 has shape (1,)"),
+    ],
+)
+def test_wrong_starts_are_named(
+    found: ps.OutputModel, words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Neither, both, or the wrong start is a mistake of the caller, and nothing is written."""
+    assert main(["simulate", "model.json", "--inputs-csv", "in.csv", *words, "-o", "r.csv"]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("r.csv").exists()
+
+
+def test_a_batch_takes_output_models(found: ps.OutputModel) -> None:
+    """certify_many decides output models and files of them."""
+    verdicts = ps.certify_many([found, "model.json"], engine=None)
+    assert all(verdict.is_certified for verdict in verdicts)
