@@ -83,6 +83,12 @@ class Certificate:
         point = self.content["operating_point"]
         return self.model.x_ref if point is None else np.array([value(pair) for pair in point["x"]])
 
+    @property
+    def input(self) -> Float[ndarray, " m"]:
+        """The constant input u* for which the operating point is one."""
+        point = self.content["operating_point"]
+        return self.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
+
     @cached_property
     def P(self) -> Float[ndarray, "n n"]:
         """The matrix of the quadratic part of V."""

@@ -14,7 +14,8 @@ def of_certificate(certificate: Any) -> str:
         rows.append(("operating point", ", ".join(f"{x:.5g}" for x in certificate.operating_point)))
     rows += [] if certificate.rate is None else [("rate, 1/s", below(certificate.rate))]
     rows += [] if certificate.gain is None else [("gain", above(certificate.gain))]
-    if certificate.output_gains is not None:
-        pairs = zip(certificate.outputs, certificate.output_gains, strict=True)
+    outputs = getattr(certificate, "outputs", ())  # a network certificate bounds none
+    if outputs:
+        pairs = zip(outputs, certificate.output_gains, strict=True)
         rows += [(f"gain of {name}", above(gain)) for name, gain in pairs]
     return table("Certificate", (), [*rows, ("statement", certificate.statement)])

@@ -8,23 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy import ndarray
 
 from persid._files import write_atomically
-from persid._text import above, below
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
 from persid.models import mathml
 from persid.models.equations import equations
 from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
 from persid.reports.comparison import caution
 from persid.reports.figures import Drawing, FreeRun
 from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS
+from persid.reports.output_page import write_output_report
 from persid.reports.results import Results
+from persid.reports.templating import environment
 from persid.verdicts.summary import limits, summarize
 from persid.verdicts.verdict import Certified, Refuted
 
@@ -50,6 +51,9 @@ def write_report(results: Results, folder: Path) -> None:
     Raises:
         ModelError: a sparse model is too large for a page.
     """
+    if isinstance(results.model, OutputModel):
+        write_output_report(results, folder)
+        return
     (folder / FIGURES).mkdir(exist_ok=True)
     with drawings.style():
         runs = drawings.free_runs(results.model, results.data)
@@ -96,7 +100,7 @@ def _samples(data: Trajectories) -> tuple[ndarray, ndarray]:
 
 
 def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Drawing]]) -> str:
-    template = _environment().get_template("report.html.jinja")
+    template = environment().get_template("report.html.jinja")
     model, verdict = results.model.dense(), results.verdict
     proof, claim, name = _proven(verdict)
     return template.render(
@@ -143,42 +147,6 @@ def _proven(verdict: Any) -> tuple[Any, str, str]:
     if isinstance(verdict, Refuted):
         return verdict.witness, "refuted", WITNESS
     return verdict.obstruction, "infeasible", INFEASIBLE
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("persid.reports"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "below": below,
-        "above": above,
-        "figure": _number,
-        "cell": _cell,
-        "step": _median_step,
-        "basename": lambda path: Path(path).name,
-    }
-    return environment
-
-
-def _number(number: float | None, digits: int = 4) -> str:
-    if number is None:
-        return "–"
-    return f"{number:.{digits}g}" if math.isfinite(number) else ("not a number" if math.isnan(number) else "infinite")
-
-
-def _cell(entry: Any) -> str:
-    """Return any entry of a record as text for a table."""
-    if isinstance(entry, list | tuple):
-        return ", ".join(_cell(part) for part in entry)
-    if isinstance(entry, bool):
-        return "yes" if entry else "no"
-    if entry is None or (isinstance(entry, float) and not math.isfinite(entry)):
-        return "–"
-    return _number(entry, 3) if isinstance(entry, int | float) else str(entry)
 
 
 def _gains(verdict: Any, model: PersidskiiModel) -> list[tuple[str, float]]:
@@ -246,8 +214,3 @@ def _candidates(results: Results) -> tuple[list[str], list[list[Any]]]:
     rows = list((compared or {}).get("candidates") or ())
     names = list(dict.fromkeys(name for row in rows for name in row))
     return [LABELS.get(name, name) for name in names], [[row.get(name) for name in names] for row in rows]
-
-
-def _median_step(run: Trajectory) -> float:
-    steps: ndarray = np.diff(run.t)
-    return float(np.median(steps))

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from persid.errors import FolderError
 from persid.measurements.readers import read_measurements
 from persid.measurements.trajectories import Trajectories
 from persid.models.files import load_model
-from persid.models.model import PersidskiiModel
 from persid.reports.layout import MODEL
 from persid.reports.record import Record, sha256
 from persid.reports.verdict_files import read_verdict
@@ -18,7 +18,7 @@ from persid.verdicts.verdict import Verdict
 class Results:
     """What a run found: model, verdict, the measurements where they are at hand, the record."""
 
-    model: PersidskiiModel
+    model: Any  # a PersidskiiModel or an OutputModel
     verdict: Verdict
     data: Trajectories | None
     record: Record | None

@@ -11,6 +11,7 @@ from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
 from persid.errors import FolderError, RejectedError
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, companion
 from persid.reports.layout import CERTIFICATE, INFEASIBLE, MODEL, OBSTRUCTION, WITNESS
 from persid.reports.objects import read_object, restored, write_object
@@ -21,7 +22,7 @@ from persid.verdicts.verdict import Attempt, Certified, Reason, Refuted, Undecid
 FORMAT = "persid-obstruction-1"
 
 
-def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel) -> str:
+def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | OutputModel) -> str:
     """Write certificate.json, witness.json or obstruction.json, whichever the verdict calls for; return its name."""
     if isinstance(verdict, Certified):
         verdict.certificate.save(folder / CERTIFICATE)
@@ -35,7 +36,7 @@ def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel) -> str
     return WITNESS
 
 
-def _why(verdict: Undecided, model: PersidskiiModel) -> dict[str, Any]:
+def _why(verdict: Undecided, model: PersidskiiModel | OutputModel) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "verdict": "undecided",
@@ -49,7 +50,7 @@ def _why(verdict: Undecided, model: PersidskiiModel) -> dict[str, Any]:
     }
 
 
-def read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt, ...]) -> Verdict:
+def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: tuple[Attempt, ...]) -> Verdict:
     """Return the verdict whose file stands in a folder.
 
     Raises:
@@ -76,7 +77,7 @@ def read_verdict(folder: Path, model: PersidskiiModel, attempts: tuple[Attempt, 
 Proof = TypeVar("Proof", Certificate | NetworkCertificate, Witness, Obstruction | NetworkObstruction)
 
 
-def _proof(path: Path, model: PersidskiiModel, read: Callable[[Path], Proof]) -> Proof:
+def _proof(path: Path, model: PersidskiiModel | OutputModel, read: Callable[[Path], Proof]) -> Proof:
     """Return a proof that the checker accepts and that speaks of this model."""
     try:
         proof = read(path)
