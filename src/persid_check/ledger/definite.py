@@ -45,7 +45,11 @@ def proof_of(M: Matrix, T: Factor) -> Definite | None:
     heads = [int(rows[i][i]) for i in range(size)]
     if any(head <= 0 for head in heads):
         return None
-    halves = [head.bit_length() // 2 for head in heads]  # D = diag(2**-half) brings the diagonal of C near 1
+    halves = [
+        (head.bit_length() - C.exponent) // 2 for head in heads
+    ]  # D = diag(2**-half): D C D has a diagonal near 1
+    least = min(halves)
+    halves = [half - least for half in halves]  # a common factor of D changes nothing
     top = max(halves)
     sizes = fmpz_mat(size, size, [abs(value) for row in rows for value in row])
     sums = (sizes * fmpz_mat(size, 1, [1 << (top - half) for half in halves])).table()
