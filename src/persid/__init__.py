@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from persid.lyapunov.operating_points import find_operating_point as find_operating_point
     from persid.measurements.opening import open_recordings as open_recordings
     from persid.measurements.readers import read_csv as read_csv
+    from persid.measurements.readers import read_measurements as read_measurements
     from persid.measurements.readers import read_parquet as read_parquet
     from persid.measurements.recordings import Recordings as Recordings
     from persid.measurements.trajectories import Trajectories as Trajectories
@@ -68,7 +69,7 @@ _HOMES = {
     "persid.models.outputs": ("OutputModel",),
     "persid.networks.certificate": ("NetworkCertificate",),
     "persid.certificates.obstruction": ("Obstruction",),
-    "persid.measurements.readers": ("read_csv", "read_parquet"),
+    "persid.measurements.readers": ("read_csv", "read_measurements", "read_parquet"),
     "persid.measurements.recordings": ("Recordings",),
     "persid.measurements.opening": ("open_recordings",),
     "persid.models.exports.pysindy": ("from_pysindy",),
@@ -118,6 +119,7 @@ __all__ = [
     "open_recordings",
     "plots",
     "read_csv",
+    "read_measurements",
     "read_parquet",
 ]
 

@@ -35,7 +35,7 @@ BROKEN = {
     "underdetermined": ("t,x1,x2,u\n0,1,1,0\n1,2,2,0\n2,3,1,1\n", ""),
     "no time": ("x1,x2,u\n1,1,0\n2,2,0\n", "--time"),
     "ragged": ("t,x1,x2,u\n0,1,1,0,9\n1,2,2,0,9\n", "columns"),
-    "semicolons": ("t;x1;x2;u\n0;1;1;0\n", "comma"),
+    "one row": ("t;x1;x2;u\n0;1;1;0\n", "at least 2"),
     "empty file": ("", "empty"),
     "no text": ("\xff\xfe\x00", "UTF-8"),
 }

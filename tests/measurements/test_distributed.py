@@ -59,7 +59,26 @@ def same(one: Any, other: Any) -> None:
     assert one.rows == other.rows
 
 
+def labelled(table: pd.DataFrame) -> pd.DataFrame:
+    """Tell three runs apart by a column, each with a clock of its own."""
+    return table.assign(run=np.repeat(["a", "b", "c"], [1500, 700, len(table) - 2200]), t=table["t"] % 20)
+
+
+def coded(table: pd.DataFrame) -> pd.DataFrame:
+    """Write -9999 where a value is missing."""
+    table.loc[[10, 900, 2500], "a"] = -9999
+    return table
+
+
+DATES = pd.date_range("2024-03-31", periods=5000, freq="50ms", tz="Europe/Berlin")
+
 CASES = {
+    "dates": ([frame(5000).assign(t=DATES)], {}),
+    "times since 1970": ([frame(5000).assign(t=1_711_839_600_000 + 50 * np.arange(5000))], {}),
+    "a clock that starts again": ([frame(5000).assign(t=frame(5000)["t"] % 20)], {}),
+    "a column of runs": ([labelled(frame(5000))], {"run": "run", "gap": 1.0}),
+    "missing-value codes": ([coded(frame(5000))], {"na": [-9999], "missing": "split"}),
+    "rows that are dropped": ([without(frame(5000), list(range(0, 5000, 3)))], {"missing": "drop"}),
     "one run in row groups": ([frame(5000)], {}),
     "steps that vary, gaps": ([gaps(frame(5000, jitter=0.3))], {}),
     "several files": ([frame(900, k, jitter=0.2) for k in range(7)], {}),
@@ -149,10 +168,17 @@ def test_csv_files_and_patterns(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (lambda t: t.assign(a=t["a"].where(t.index != 1500)), "row 1501, column 'a': the cell is empty"),
-        (lambda t: t.assign(t=t["t"].where(t.index != 1410, 0.0)), "row 1411, column 't': time 0.0 comes after"),
+        (
+            lambda t: t.assign(t=t["t"].where(t.index != 1410, t["t"][1405])),
+            "row 1411, column 't': time .* comes after",
+        ),
+        (
+            lambda t: t.assign(t=t["t"].where(t.index != 1410, t["t"][1409])),
+            "row 1411, column 't': time .* is repeated",
+        ),
         (lambda t: t.drop(columns="b"), "no column 'b'"),
         (lambda t: t.assign(t=np.where(t.index < 1000, t["t"], t["t"] / 50 + 10)), "give the step in s"),
-        (lambda t: t.assign(t=np.where(t.index < 1400, t["t"], t["t"] - 9)), "sort by time"),
+        (lambda t: t.assign(t=np.where(t.index < 1400, t["t"], t["t"][1399])), "is repeated"),
     ],
 )
 def test_faults_are_named(tmp_path: Path, change: Any, message: str) -> None:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from threading import Timer
 from typing import Any
 
+from persid.commands.words import SAID, spoken, spoken_object
+
 BAR = 20  # characters of a bar of progress
 PATIENCE = 2.0  # s of work after which a person is told what goes on
 COLORS = {"certified": "32", "accepted": "32", "refuted": "31", "rejected": "31", "undecided": "33", "malformed": "31"}
@@ -25,9 +27,9 @@ class Talk:
     def result(self, content: Mapping[str, Any], rows: Sequence[tuple[str, str]]) -> None:
         """Print a result: the object for programs, or the rows for people."""
         if self.as_json:
-            print(json.dumps(content, allow_nan=False, default=float))
+            print(json.dumps(spoken_object(content), allow_nan=False, default=float))
         elif not self.quiet:
-            print(table(rows))
+            print(table([(name, spoken(text) if name in SAID else text) for name, text in rows]))
 
     @contextmanager
     def progress(self) -> Iterator["Progress"]:
@@ -97,6 +99,7 @@ def paint(text: str) -> str:
 
 def complain(message: str, code: int, as_json: bool) -> None:
     """Print an error on stderr, and as the one object on stdout where that is asked for."""
+    message = spoken(message)
     print(f"error: {message}", file=sys.stderr)
     if as_json:
         print(json.dumps({"error": message, "exit_code": code}))

@@ -25,6 +25,7 @@ from persid.commands.options import (
     NEW_FILE,
     NEW_FOLDER,
     batching,
+    fit_options,
     fitting,
     proving,
     reading,
@@ -78,24 +79,25 @@ def run(
     usual = domain == "global" and operating_point is None and u_op is None
     if select and not usual:
         raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
+    chosen = fit_options(how)
     with talk.progress() as progress, kept(output) as keep:
         progress("reading the measurements")
-        data = tuple(files_of(data))
-        measured = read_measurements(data, **how)
+        found = files_of(list(data))
+        measured = read_measurements(found, **how)
         progress("identifying the model")
-        fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine)
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison)
-        record = Record(_command(), sources(data), how, fit.report_, *facts)
+        record = Record(_command(), sources(found), how, fit.report_, *facts)
         progress("drawing the report")
         proof = _deliver(output, Results(made.model, verdict, measured, record))
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
-    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
+    rows = [*_data_rows(found, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
     beside = caution(verdict, fit.report_, made.comparison)
     rows += [*verdict_rows(verdict), *([("but", beside)] if beside else []), *list(files.items())[1:]]
     fits = (made.comparison or {}).get("fits")
@@ -108,12 +110,11 @@ def run(
 @reading
 @fitting
 @refining
-@click.option("--derivatives", is_flag=True, help="Append smoothed velocities to the states.")
 @where
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
 @talking
 def identify(
-    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, derivatives: bool, output: Path,
+    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, output: Path,
     as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify a generalized Persidskii model from measurements.
@@ -130,12 +131,13 @@ def identify(
 
     talk = Talk(as_json, quiet)
     refuse_unwritable(output)
+    chosen = fit_options(how)
     with talk.progress() as progress:
         progress("reading the measurements")
         measured = _measurements(data, progress=progress, **how)
         progress("identifying the model")
         options = {"functions": functions, "ridge": ridge, "method": method, "refine": refine}
-        fit = _identify(measured, **options, derivatives=int(derivatives))
+        fit = _identify(measured, **options, **chosen)
     output.parent.mkdir(parents=True, exist_ok=True)
     fit.model_.save(output)
     text = equations(fit.model_)
@@ -174,11 +176,12 @@ def bootstrap(
 
     talk = Talk(as_json, quiet)
     refuse_unwritable(output)
+    chosen = fit_options(how)
     with talk.progress() as progress:
         progress("reading the measurements")
-        measured = _measurements(data, "memory", None, None, progress, **how)
+        measured = _measurements(data, "memory", None, progress, **how)
         progress("identifying the model")
-        fit = _identify(measured, functions=functions, ridge=ridge, method=method)
+        fit = _identify(measured, functions=functions, ridge=ridge, method=method, **chosen)
         where: dict[str, Any] = {"engine": None if engine == "processes" and jobs == 1 else engine, "jobs": jobs}
         asked = question(operating_point, u_op, domain, time_limit)
         found = batches.bootstrap(fit, count, seed=seed, scheduler=scheduler, progress=progress, **where, **asked)
@@ -194,7 +197,7 @@ def bootstrap(
 
 
 def _measurements(
-    data: Sequence[Path], engine: str, scheduler: str | None, run_column: str | None, progress: Any, **how: Any
+    data: Sequence[Path], engine: str, scheduler: str | None, progress: Any, **how: Any
 ) -> "Measurements":
     """Read measurements into memory, or look through them where they are."""
     from persid.measurements.opening import files_of, open_recordings
@@ -202,13 +205,13 @@ def _measurements(
 
     files = files_of(list(data))
     if engine == "memory":
-        if scheduler or run_column:
-            raise click.UsageError("--scheduler and --run-column go with --engine dask (or chunks)")
+        if scheduler:
+            raise click.UsageError("--scheduler goes with --engine dask")
         return read_measurements(files, **how)
     chosen = "dask" if engine == "dask" else None
     if scheduler and not chosen:
         raise click.UsageError("--scheduler goes with --engine dask")
-    return open_recordings(files, run=run_column, engine=chosen, scheduler=scheduler, progress=progress, **how)
+    return open_recordings(files, engine=chosen, scheduler=scheduler, progress=progress, **how)
 
 
 def _identify(measured: "Measurements", **how: Any) -> Any:
@@ -249,7 +252,7 @@ def _count(count: int, what: str) -> str:
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
-def _data_rows(paths: Sequence[Path], data: "Measurements") -> list[tuple[str, str]]:
+def _data_rows(paths: Sequence[Any], data: "Measurements") -> list[tuple[str, str]]:
     name = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
     counts = [_count(len(data), "run"), _count(data.samples, "sample")]
     counts += [_count(len(data.states), "state"), _count(len(data.inputs), "input")]

@@ -15,6 +15,9 @@ else:
     ParamType = click.ParamType  # click 8.1 has no [...] here
 
 
+MISSING = ("error", "split", "drop", "interpolate")
+
+
 class Names(ParamType):
     """Names separated by commas; a name that holds a comma stands in double quotes."""
 
@@ -67,6 +70,41 @@ class Ridge(ParamType):
             self.fail(f'{value!r} is neither "auto" nor a number', param, ctx)
 
 
+class Count(click.ParamType[Any]):
+    """A whole number."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the number."""
+        return click.INT.convert(value, param, ctx)
+
+
+class Given(click.ParamType[Any]):
+    """A value of another type, or "auto"."""
+
+    def __init__(self, kind: click.ParamType[Any]) -> None:
+        self.kind, self.name = kind, f"{kind.name}|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the value."""
+        return value if value == "auto" else self.kind.convert(value, param, ctx)
+
+
+class Pattern(click.ParamType[Any]):
+    """Rows of 0 and 1, separated by semicolons."""
+
+    name = "rows"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split at semicolons, then at commas."""
+        rows = [[part.strip() for part in row.split(",")] for row in value.split(";")]
+        if any(len(row) != len(rows) for row in rows) or any(part not in ("0", "1") for row in rows for part in row):
+            self.fail(f'{value!r} is no square pattern; write rows of 0 and 1, such as "1,0; 1,1"', param, ctx)
+        return [[part == "1" for part in row] for row in rows]
+
+
 def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def decorate(function: Any) -> Any:
         for option in reversed(options):
@@ -92,10 +130,16 @@ talking = together(
 reading = together(
     click.option("--states", type=Names(), required=True, help="Columns of the states, such as x1,x2."),
     click.option("--inputs", type=Names(), default=[], help="Columns of the inputs, such as u."),
-    click.option("--time", help="Column of the time in s; without it, a column named t or time."),
+    click.option("--time", metavar="NAME",
+                 help='Column of the time, dates or numbers; without it, one named like a time. "t [h]" says the unit '
+                      "where the column does not."),
     click.option("--dt", type=float, help="Sampling step in s, where there is no column of time."),
-    click.option("--missing", type=click.Choice(["error", "split"]), default="error", show_default=True,
-                 help="Empty cells and NaN: an error, or the end of one trajectory and the start of the next."),
+    click.option("--gap", type=float, help="Step in s above which a new run starts; by default ten median steps."),
+    click.option("--missing", type=click.Choice(MISSING), default="error", show_default=True,
+                 help="Empty cells and NaN: an error; split: a run ends; drop: the row is left out (slow and fast "
+                      "channels in one file); interpolate: states by straight lines, inputs held."),
+    click.option("--na", type=Names(), default=[], help="Values that mean missing, too, such as -9999."),
+    click.option("--run-column", "run", metavar="NAME", help="Column that tells runs apart."),
 )  # fmt: skip
 fitting = together(
     click.option("--functions", type=Functions(), default="x,x**3,sinh(x),tanh(x)", show_default=True,
@@ -105,7 +149,34 @@ fitting = together(
                       "to certify and fits less well."),
     click.option("--method", type=click.Choice(METHODS), default="weak", show_default=True,
                  help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
+    click.option("--hold", type=click.Choice(["zoh", "paper"]), default="zoh", show_default=True,
+                 help="Inputs are held from sample to sample, or vary between samples."),
+    click.option("--derivatives", type=click.IntRange(0, 1), is_flag=False, flag_value=1, default=0,
+                 show_default=True, help="1 appends smoothed velocities to the states."),
+    click.option("--delays", type=click.IntRange(min=0), default=0, show_default=True,
+                 help="Append copies of the states delayed by 1 to so many samples."),
+    click.option("--window", type=Given(Count("even number")), default="auto", show_default=True,
+                 help="Samples of a window of the weak form, even."),
+    click.option("--x-ref", type=Given(Numbers()), default="auto", show_default=True,
+                 help="Reference point of the functions' arguments."),
+    click.option("--scale", type=Given(Numbers()), default="auto", show_default=True,
+                 help="Scales of the functions' arguments, one a state."),
+    click.option("--constant/--no-constant", default=True, show_default=True, help="Whether there is a constant term."),
+    click.option("--pattern", type=Pattern(),
+                 help='Which state may influence which: rows of 0 and 1, such as "1,0; 1,1".'),
+    click.option("--shared", is_flag=True, help="One set of coefficients along a chain of equal nodes."),
+    click.option("--allow-underdetermined", is_flag=True,
+                 help="Take the smallest of many exact fits instead of refusing."),
 )  # fmt: skip
+FIT_OPTIONS = ("hold", "derivatives", "delays", "window", "x_ref", "scale", "constant", "pattern", "shared",
+               "allow_underdetermined")  # fmt: skip
+
+
+def fit_options(how: dict[str, Any]) -> dict[str, Any]:
+    """Take the options of a fit that commands hand through out of all options."""
+    return {name: how.pop(name) for name in FIT_OPTIONS}
+
+
 refining = together(
     click.option("--refine", is_flag=True,
                  help="Continue from that fit by free runs over pieces of the data: slower, often closer."),
@@ -114,7 +185,6 @@ where = together(
     click.option("--engine", type=click.Choice(["memory", "chunks", "dask"]), default="memory", show_default=True,
                  help="All data in memory; chunk by chunk in this process; or chunk by chunk on Dask."),
     click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786; else threads."),
-    click.option("--run-column", metavar="NAME", help="Parquet column that tells runs apart (chunks, dask)."),
 )  # fmt: skip
 batching = together(
     click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True,

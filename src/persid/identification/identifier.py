@@ -150,6 +150,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         _check_options(self)
         refuse_target(None if self._estimator.slopes else y)
         measured, notes = self._measured(X, u, t, dt)
+        _refuse_constant(measured)
         data = self._embedded(measured)
         problem = self._problem(data, y)
         solution = self._solve(problem)
@@ -350,6 +351,14 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
+
+
+def _refuse_constant(data: Measurements) -> None:
+    """Raise DataError where no state ever varies."""
+    box = _box(data)
+    if (box[:, 0] == box[:, 1]).all():
+        names = f"{', '.join(data.states)} never {'varies' if len(data.states) == 1 else 'vary'}"
+        raise DataError(f"{names}: there is nothing to identify; give other columns or data")
 
 
 def _box(data: Measurements) -> Float[ndarray, "n 2"]:

@@ -4,35 +4,37 @@ Everything here runs where the data lie: on a worker, one chunk at a time.
 """
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.measurements.frames import is_index_a_clock
 from persid.measurements.moments import Moments, Steps, row_moments, steps_of
-from persid.measurements.readers import csv_table
-from persid.measurements.tables import GAP, TIME_NAMES, Columns, Table, table_rows
+from persid.measurements.readers import table_of
+from persid.measurements.readers.sources import Source
+from persid.measurements.runs import GAP, restarts
+from persid.measurements.tables import Columns, Rows, Table, origin_of, rows_of
 
 HEAD = 256  # first rows of every chunk that are kept: a window of the chunk before may reach so far
 SUSPECT = GAP / 2  # a step longer than this many median steps of its chunk may be a gap
 
 
 @dataclass(frozen=True)
-class CsvFile:
-    """A CSV file, read whole."""
+class WholeFile:
+    """A file that is read whole."""
 
-    path: str
+    source: Source
 
-    def table(self, columns: Columns, run: str | None) -> Table:
+    def table(self, columns: Columns) -> Table:
         """Read the wanted columns."""
-        return csv_table(Path(self.path), columns)
+        return table_of(self.source, columns)
 
 
 @dataclass(frozen=True)
@@ -43,26 +45,20 @@ class RowGroups:
     groups: tuple[int, ...]
     first: int
 
-    def table(self, columns: Columns, run: str | None) -> Table:
+    def table(self, columns: Columns) -> Table:
         """Read the wanted columns."""
         import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
         try:
             with pq.ParquetFile(self.path) as file:
-                names = _wanted(file.schema_arrow.names, columns, run)
-                frame = file.read_row_groups(list(self.groups), columns=names, use_threads=False).to_pandas(
+                names = file.schema_arrow.names
+                taken = [name for name in names if columns.takes(name)] or names
+                frame = file.read_row_groups(list(self.groups), columns=taken, use_threads=False).to_pandas(
                     ignore_metadata=True
                 )
         except (OSError, ValueError) as error:
             raise DataError(f"{self.path}: cannot be read as Parquet: {error}") from None
-        return Table(self.path, frame, lambda k: f"row {self.first + k + 1}")
-
-
-def _wanted(names: Sequence[str], columns: Columns, run: str | None) -> list[str]:
-    """Names of a file's columns that a table needs, or all where one is missing, for the error to show."""
-    wanted = {*columns.names, columns.time, run}
-    clock = TIME_NAMES if columns.dt is None and columns.time is None else ()
-    return [name for name in names if name.strip() in wanted or name.strip().lower() in clock] or list(names)
+        return Table(self.path, frame, lambda k: f"row {self.first + k + 1}", tuple(names))
 
 
 @dataclass(frozen=True)
@@ -72,48 +68,26 @@ class Lazy:
     name: str
 
     def named(self, frame: pd.DataFrame, columns: Columns) -> Table:
-        """Return the partition as a table; an index named like the time is a column of it."""
-        clock = (columns.time,) if columns.time else TIME_NAMES
-        named = columns.dt is None and frame.index.name is not None and frame.index.name in clock
-        return Table(self.name, frame.reset_index(drop=not named), lambda k: f"row {k + 1}")
+        """Return the partition as a table; an index that is its time is a column of it."""
+        if columns.dt is None and is_index_a_clock(frame, columns.time):
+            frame = frame.rename_axis(str(frame.index.name or "t")).reset_index()
+        return Table(self.name, frame.reset_index(drop=True), lambda k: f"row {k + 1}")
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of a chunk: times in s (None: from the step), states and inputs, which are complete, the run's label."""
-
-    table: Table
-    t: Float[ndarray, " N"] | None
-    values: Float[ndarray, "N k"]
-    good: ndarray
-    label: ndarray | None
-    notes: tuple[str, ...]
-
-
-def read_rows(source: Any, lazy: Lazy | None, columns: Columns, run: str | None) -> Rows:
-    """Read a chunk: a file or a part of one, or the DataFrame of a partition.
+def read_rows(source: Any, lazy: Lazy | None, columns: Columns, notes: list[str]) -> tuple[str, Rows]:
+    """Read a chunk: a file or a part of one, or the DataFrame of a partition; return its name and its rows.
 
     Raises:
         DataError: as for `persid.read_csv`.
     """
-    table = source.table(columns, run) if lazy is None else lazy.named(source, columns)
-    notes: list[str] = []
-    if run is None:
-        t, values, good = table_rows(table, columns, notes)
-        return Rows(table, t, values, good, None, tuple(notes))
-    if run not in table.frame.columns:
-        raise DataError(f"{table.name}: there is no column {run!r} to tell the runs apart (run=)")
-    label = table.frame[run].to_numpy()
-    edges = [0, *(np.flatnonzero(label[1:] != label[:-1]) + 1), len(label)]
-    parts = [_slice_rows(table, int(a), int(b), columns, notes) for a, b in pairwise(edges)]
-    t = None if parts[0][0] is None else np.concatenate([part[0] for part in parts])
-    values, good = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-    return Rows(table, t, values, good, label, tuple(dict.fromkeys(notes)))
+    table = source.table(columns) if lazy is None else lazy.named(source, columns)
+    return table.name, rows_of(table, columns, notes)
 
 
-def _slice_rows(table: Table, a: int, b: int, columns: Columns, notes: list[str]) -> tuple[Any, ndarray, ndarray]:
-    """Rows [a, b) of one run, by the rules of a table of their own."""
-    return table_rows(Table(table.name, table.frame.iloc[a:b], lambda k: table.label(a + k)), columns, notes)
+def first_instant(source: Any, lazy: Lazy | None, columns: Columns) -> Any:
+    """Return the instant that counts as 0 in all chunks, where times are dates or numbers since 1970; else None."""
+    table = source.table(columns) if lazy is None else lazy.named(source, columns)
+    return origin_of(table, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +114,17 @@ class Survey:
     notes: tuple[str, ...]
 
 
-def survey(source: Any, lazy: Lazy | None, columns: Columns, run: str | None) -> Survey:
+def survey(source: Any, lazy: Lazy | None, columns: Columns) -> Survey:
     """Look at a chunk once: cuts, ranges, means, steps, the first rows and a hash."""
-    found = read_rows(source, lazy, columns, run)
+    notes: list[str] = []
+    name, found = read_rows(source, lazy, columns, notes)
     t, good = found.t, found.good
     h = np.full(max(len(good) - 1, 0), float(columns.dt or 0)) if t is None else np.diff(t)
     joined = good[:-1] & good[1:]
-    if found.label is not None:
-        joined &= found.label[1:] == found.label[:-1]
+    if found.runs is not None:
+        joined &= found.runs[1:] == found.runs[:-1]
+    again = _again(name, found, joined, notes)
+    joined &= ~again
     median = float(np.median(h[joined])) if joined.any() else 0.0
     limit = SUSPECT * median if columns.gap is None else float(columns.gap)
     far = joined & (h > limit) & (t is not None)
@@ -155,10 +132,10 @@ def survey(source: Any, lazy: Lazy | None, columns: Columns, run: str | None) ->
     complete = np.flatnonzero(good)
     ends = (np.nan, np.nan) if t is None or not len(complete) else tuple(map(float, t[complete[[0, -1]]]))
     return Survey(
-        name=found.table.name,
+        name=name,
         rows=len(good),
         spans=spans,
-        labels=() if found.label is None else tuple(found.label[spans[:, 0]].tolist()),
+        labels=() if found.runs is None else tuple(found.runs[spans[:, 0]].tolist()),
         far=tuple((int(k), float(h[k])) for k in np.flatnonzero(far)),
         median=median,
         steps=steps_of(h[joined & ~far]),
@@ -167,8 +144,30 @@ def survey(source: Any, lazy: Lazy | None, columns: Columns, run: str | None) ->
         first=ends[0],
         last=ends[1],
         digest=_digest(found),
-        notes=(*found.notes, *_lost(found)),
+        notes=(*notes, *_lost(name, found)),
     )
+
+
+def _again(name: str, rows: Rows, joined: ndarray, notes: list[str]) -> ndarray:
+    """Whether the clock starts again between two rows of one run.
+
+    Raises:
+        DataError: a time is repeated, or rows are out of order.
+    """
+    again = np.zeros(len(joined), dtype=bool)
+    if rows.t is None:
+        return again
+    edges = [0, *(np.flatnonzero(rows.runs[1:] != rows.runs[:-1]) + 1)] if rows.runs is not None else [0]
+    for a, b in pairwise([*map(int, edges), len(rows.good)]):
+        part = Rows(rows.t[a:b], rows.values[a:b], rows.good[a:b], None, partial(_label, rows, a), rows.clock)
+        for k in restarts(name, part, rows.t[a:b]):
+            again[a + k - 1] = True
+            notes.append(f"{name}: the clock starts again at {rows.label(a + k)}; a new trajectory starts there")
+    return again
+
+
+def _label(rows: Rows, offset: int, k: int) -> str:
+    return rows.label(offset + k)
 
 
 def _spans(good: ndarray, joined: ndarray) -> Int[ndarray, "k 2"]:
@@ -184,9 +183,9 @@ def _digest(rows: Rows) -> bytes:
     return digest.digest()
 
 
-def _lost(rows: Rows) -> list[str]:
+def _lost(name: str, rows: Rows) -> list[str]:
     bad = np.flatnonzero(~rows.good)
     if not len(bad):
         return []
-    first = rows.table.label(int(bad[0]))
-    return [f"{rows.table.name}: {len(bad)} incomplete row(s), the first at {first}; left out, the runs end there"]
+    first = rows.label(int(bad[0]))
+    return [f"{name}: {len(bad)} incomplete row(s), the first at {first}; left out, the runs end there"]

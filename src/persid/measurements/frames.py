@@ -9,7 +9,9 @@ import pandas as pd
 
 from persid._libraries import library
 from persid.errors import DataError
-from persid.measurements.tables import TIME_NAMES, Columns, Table, _assemble
+from persid.measurements.runs import trajectories
+from persid.measurements.tables import Columns, Table
+from persid.measurements.times import holds_dates, is_clock
 from persid.measurements.trajectories import Trajectories, Trajectory
 
 if TYPE_CHECKING:
@@ -20,28 +22,27 @@ def trajectories_of_frames(
     frame: pd.DataFrame | Sequence[pd.DataFrame],
     states: Sequence[str] | None,
     inputs: Sequence[str],
-    time: str | None,
-    dt: float | int | None,
+    **reading: Any,
 ) -> Trajectories:
     """Return the trajectories of DataFrames; see `Trajectories.from_dataframe`."""
     frames = [frame] if isinstance(frame, pd.DataFrame) else list(frame)
     if not frames or not all(isinstance(item, pd.DataFrame) for item in frames):
         raise DataError("a DataFrame, or a list of them, is needed")
+    time, dt, run = (reading.get(name) for name in ("time", "dt", "run"))
     tables = [table for i, item in enumerate(frames) for table in _episodes(f"table {i + 1}", item, time, dt)]
     notes: tuple[str, ...] = ()
     if states is None:
-        names = [str(column) for column in tables[0].frame.columns]
-        states = [name for name in names if name not in (*inputs, time) and not is_clock(name)]
-        clocks = [name for name in names if is_clock(name) and name not in (*inputs, time)]
-        if clocks and clocks[0] in map(str, frames[0].columns):
-            notes = (f"the column {clocks[0]!r} is taken as a time, not as a state",)
-    data = _assemble(iter(tables), Columns(tuple(states), tuple(inputs), time, dt, np.inf, "error"))
+        columns = tables[0].frame
+        free = [name for name in columns if str(name) not in (*inputs, time, run)]
+        clocks = [name for name in free if is_clock(name) or holds_dates(columns[name])]
+        states = [str(name) for name in free if name not in clocks]
+        notes = tuple(
+            f"the column {str(name)!r} is taken as a time, not as a state"
+            for name in clocks if name in frames[0].columns
+        )  # fmt: skip
+    asked = {"time": None, "dt": None, "gap": None, "missing": "error"} | reading
+    data = trajectories(iter(tables), Columns(tuple(states), tuple(inputs), **asked))
     return replace(data, notes=(*data.notes, *notes))
-
-
-def is_clock(name: Any) -> bool:
-    """Whether a column or an index is named as a time is."""
-    return str(name).strip().lower() in TIME_NAMES
 
 
 def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Trajectories:
@@ -70,9 +71,9 @@ def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Tra
             frame = frame.assign(**dict(zip(inputs, table[inputs].to_numpy().T, strict=True)))
         if clock is not None:
             frame = frame.drop(columns=[c for c in frame.columns if is_clock(c)])
-            frame = frame.set_axis(pd.Index(np.asarray(clock, float), name="t"), axis=0)
+            frame = frame.set_axis(pd.Index(clock, name="t"), axis=0)
         joined.append(frame)
-    data = trajectories_of_frames(joined, None, inputs, None, dt)
+    data = trajectories_of_frames(joined, None, inputs, dt=dt)
     return replace(data, notes=(*data.notes, *dict.fromkeys(notes)))
 
 
@@ -108,7 +109,7 @@ def _aligned(frame: pd.DataFrame, inputs: pd.DataFrame, notes: list[str]) -> pd.
 
 
 def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int | None) -> Iterator[Table]:
-    """One table per episode of an (episode, time) index; an index named like a time becomes a column."""
+    """One table per episode of an (episode, time) index; an index that is a time becomes a column."""
     if isinstance(frame.index, pd.MultiIndex):
         if frame.index.nlevels != 2:
             raise DataError(f"{name}: an index of {frame.index.nlevels} levels; needed are two, (episode, time)")
@@ -116,13 +117,20 @@ def _episodes(name: str, frame: pd.DataFrame, time: str | None, dt: float | int 
             part = frame.loc[[episode]].droplevel(0)
             yield _frame_table(f"{name}, episode {episode}", part.rename_axis(time or "t"), dt is None)
     else:
-        named = frame.index.name is not None and frame.index.name in ((time,) if time else TIME_NAMES)
-        yield _frame_table(name, frame, named and dt is None)
+        yield _frame_table(name, frame, dt is None and is_index_a_clock(frame, time))
+
+
+def is_index_a_clock(frame: pd.DataFrame, time: str | None) -> bool:
+    """Whether the index of a table is its time: the one that was named, or one named like a time, or of dates."""
+    index = frame.index
+    if time is not None:
+        return index.name == time and time not in frame.columns
+    return holds_dates(index) or (index.name is not None and is_clock(index.name))
 
 
 def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     index = frame.index
-    flat = frame.reset_index() if use_index else frame.reset_index(drop=True)
+    flat = frame.rename_axis(str(index.name or "t")).reset_index() if use_index else frame.reset_index(drop=True)
     return Table(name, flat, lambda k: f"row {index[k]}")
 
 
@@ -164,12 +172,13 @@ def from_xarray(
         frames.append(frame.dropna(how="all") if len(table.dims) > 1 else frame)
         if len(frames[-1]) < len(frame):
             notes.append(f"table {k + 1}: {len(frame) - len(frames[-1])} times without any number were left out")
-    data = trajectories_of_frames(frames, states, inputs, time, None)
+    data = trajectories_of_frames(frames, states, inputs, time=time)
     return replace(data, notes=(*data.notes, *notes))
 
 
 def _time(table: "Dataset", time: str | None) -> str:
-    names = [time] if time is not None else [str(name) for name in table.dims if str(name).lower() in TIME_NAMES]
+    dated = [str(name) for name in table.dims if name in table.coords and table.coords[name].dtype.kind in "mM"]
+    names = [time] if time is not None else [str(name) for name in table.dims if is_clock(name)] or dated
     if len(names) != 1 or names[0] not in table.dims or names[0] not in table.coords:
         given = ", ".join(map(str, table.dims))
         raise DataError(f"the dimensions are {given}; needed is one with coordinates in s named t or time, or time=...")

@@ -3,9 +3,9 @@
 Cuts are those of `persid.read_csv`: incomplete rows, and steps in time above ten median steps.
 """
 
-import glob
 import hashlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial, reduce
 from itertools import accumulate, groupby, pairwise
 from operator import add
@@ -16,14 +16,17 @@ import numpy as np
 import pandas as pd
 
 from persid.errors import DataError
-from persid.measurements.chunks import SUSPECT, CsvFile, Lazy, RowGroups, Survey, survey
+from persid.measurements.chunks import SUSPECT, Lazy, RowGroups, Survey, WholeFile, first_instant, survey
 from persid.measurements.engines import Engine, Progress, make_engine
 from persid.measurements.moments import NO_STEPS, Steps, steps_of
+from persid.measurements.readers import is_parquet
+from persid.measurements.readers.sources import files_of as files_of
 from persid.measurements.recordings import Chunk, Recordings, Run
-from persid.measurements.tables import GAP, TIME_NAMES, Columns
+from persid.measurements.runs import GAP, shortened
+from persid.measurements.tables import Columns
+from persid.measurements.times import holds_dates, is_clock
 
 CHUNK = 131_072  # rows of small row groups that are read together
-MOST_NOTES = 20  # gaps that are named one by one
 
 
 def open_recordings(
@@ -36,6 +39,7 @@ def open_recordings(
     run: str | None = None,
     gap: float | int | None = None,
     missing: str = "error",
+    na: Sequence[Any] = (),
     engine: Any = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -44,13 +48,13 @@ def open_recordings(
 
     `source` is a file, a pattern such as "data/*.parquet", a folder of Parquet (or else CSV) files, a list of these, or
     a Dask DataFrame. Every file is one run or several, by the rules of `persid.read_csv`; a Dask DataFrame is one long
-    run in partitions in the order of time. With `run`, a column of Parquet files or of a Dask DataFrame, a new run
-    starts where it changes. A chunk is a CSV file, some row groups of a Parquet file, or a partition: so much memory a
+    run in partitions in the order of time. With `run`, a column, a new run starts where it changes. A chunk is a file,
+    some row groups of a Parquet file, or a partition: so much memory a
     worker needs, whatever the number of rows.
 
     Args:
         source: where the measurements are.
-        states, inputs, time, dt, gap, missing: as for `persid.read_csv` (dt and gap in s).
+        states, inputs, time, dt, gap, missing, na: as for `persid.read_measurements` (dt and gap in s).
         run: the column that tells runs apart.
         engine: None (this process), "dask" or a `distributed.Client`.  scheduler: the address of a Dask scheduler.
         progress: is called with a line of text.
@@ -63,13 +67,18 @@ def open_recordings(
         >>> ps.PersidskiiIdentifier(["x"], ridge=1e-4).fit(there).model_.states
         ('x1', 'x2')
     """
-    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing)
-    return look_through(list(_chunks_of(source, run)), columns, run, make_engine(engine, scheduler, progress))
+    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run)
+    if missing == "drop" and dt is not None:
+        raise DataError('missing="drop" chunk by chunk needs a column of times (time=), not a step (dt=)')
+    return look_through(list(_chunks_of(source)), columns, make_engine(engine, scheduler, progress))
 
 
-def look_through(chunks: list[Chunk], columns: Columns, run: str | None, engine: Engine) -> Recordings:
+def look_through(chunks: list[Chunk], columns: Columns, engine: Engine) -> Recordings:
     """Survey all chunks and join what continues from one to the next."""
-    found: list[Survey] = engine.each(survey, [(c.source, c.lazy, columns, run) for c in chunks], "looking through")
+    if columns.dt is None:
+        begin = engine.each(first_instant, [(c.source, c.lazy, columns) for c in chunks[:1]], "looking at the times")
+        columns = replace(columns, origin=begin[0])
+    found: list[Survey] = engine.each(survey, [(c.source, c.lazy, columns) for c in chunks], "looking through")
     runs: list[Run] = []
     notes = [note for one in found for note in one.notes]
     total, placed, first = NO_STEPS, [], {}
@@ -86,8 +95,8 @@ def look_through(chunks: list[Chunk], columns: Columns, run: str | None, engine:
         total = total + steps_here
     digest = hashlib.sha256(b"".join(one.digest for one in found)).hexdigest()
     together = reduce(add, (one.moments for one in found if one.moments is not None))
-    facts = (tuple(_shortened(notes)), together, total, digest)
-    return Recordings(columns.states, columns.inputs, *facts, engine, columns, run, tuple(placed), tuple(runs), first)
+    facts = (shortened(notes), together, total, digest)
+    return Recordings(columns.states, columns.inputs, *facts, engine, columns, tuple(placed), tuple(runs), first)
 
 
 def _joined(
@@ -107,8 +116,11 @@ def _joined(
         if spans and pieces:
             step = one.first - last_time if columns.dt is None else float(columns.dt)
             same = spans[-1][2] == pieces[0][2]
-            if same and not step > 0:
-                raise DataError(f"{one.name}: its times begin before those of the chunk before it end; sort by time")
+            if same and step == 0:
+                raise DataError(f"{one.name}: its first time repeats the last one of the chunk before it")
+            if same and step < 0:
+                notes.append(f"{one.name}: the clock starts again; a new trajectory starts there")
+                same = False
             if same and spans[-1][1] == offset and pieces[0][0] == 0 and step <= limit:
                 total = total + steps_of(np.array([step]))
                 spans[-1][1] = offset + pieces.pop(0)[1]
@@ -153,26 +165,18 @@ def _gap_limit(surveys: list[Survey], columns: Columns) -> float:
     return GAP * median
 
 
-def _shortened(notes: list[str]) -> list[str]:
-    different = list(dict.fromkeys(notes))
-    more = len(different) - MOST_NOTES
-    return [*different[:MOST_NOTES], *([f"and {more} more such notes"] if more > 0 else [])]
-
-
-def _chunks_of(source: Any, run: str | None) -> Iterator[Chunk]:
+def _chunks_of(source: Any) -> Iterator[Chunk]:
     """Yield the chunks of files or of a Dask DataFrame."""
     if hasattr(source, "to_delayed"):
         for k, part in enumerate(source.to_delayed()):
             yield Chunk(part, Lazy(f"partition {k + 1}"), 0)
         return
     for table, path in enumerate(files_of(source)):
-        if path.suffix.lower() in (".parquet", ".pq"):
+        if isinstance(path, Path) and is_parquet(path):
             for groups in _row_groups(path):
                 yield Chunk(groups, None, table)
-        elif run is not None:
-            raise DataError(f"{path}: run= is for Parquet files and Dask DataFrames; a CSV file is a run by itself")
         else:
-            yield Chunk(CsvFile(str(path)), None, table)
+            yield Chunk(WholeFile(path), None, table)
 
 
 def recordings_of(X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Recordings:
@@ -185,22 +189,38 @@ def recordings_of(X: Any, u: Any = None, t: Any = None, dt: float | int | None =
         if u is not None or t is not None or dt is not None:
             raise DataError("recordings hold their own inputs and times; u, t and dt go with arrays and tables")
         return X
-    states, inputs = _names_of(X, "x"), () if u is None else _names_of(u, "u")
-    parts = [_partitions(part, X) for part in (X, u, t) if part is not None]
+    if t is not None and dt is not None:
+        raise DataError("both times t and a step dt were given; give one of them")
+    indexed = hasattr(X, "index") and (holds_dates(X.index) or (X.index.name is not None and is_clock(X.index.name)))
+    clocks = _clocks(X)
+    if t is None and dt is None and not indexed and not clocks:
+        raise DataError("X has no times; give the step dt=..., the times t=..., or a column or an index named t")
+    states, inputs = _names_of(X, "x", clocks), () if u is None else _names_of(u, "u", _clocks(u))
+    kept = [X if t is None and dt is None else _without(X, clocks), None if u is None else _without(u, _clocks(u)), t]
+    parts = [_partitions(part, X) for part in kept if part is not None]
     if len({len(part) for part in parts}) != 1:
         raise DataError(f"X, u and t have {[len(part) for part in parts]} chunks; cut them alike")
     import dask
 
-    join = dask.delayed(partial(_joined_frame, names=(*states, *inputs), timed=t is not None), pure=False)
+    names = (*_names_of(kept[0], "x", ()), *inputs)
+    join = dask.delayed(partial(_joined_frame, names=names, timed=t is not None), pure=False)
     chunks = [Chunk(join(*row), Lazy(f"chunk {k + 1}"), 0) for k, row in enumerate(zip(*parts, strict=True))]
-    timed = t is not None or (hasattr(X, "index") and X.index.name in TIME_NAMES)
-    columns = Columns(states, inputs, None, None if timed else (dt or 1.0), None, "error")
-    return look_through(chunks, columns, None, make_engine("dask"))
+    columns = Columns(states, inputs, None, dt, None, "error")
+    return look_through(chunks, columns, make_engine("dask"))
 
 
-def _names_of(X: Any, letter: str) -> tuple[str, ...]:
+def _clocks(X: Any) -> list[Any]:
+    """Return the columns of a Dask DataFrame that are times."""
+    return [name for name in X.columns if is_clock(name) or holds_dates(X[name])] if hasattr(X, "columns") else []
+
+
+def _without(X: Any, columns: list[Any]) -> Any:
+    return X.drop(columns=columns) if columns else X
+
+
+def _names_of(X: Any, letter: str, clocks: Sequence[Any]) -> tuple[str, ...]:
     if hasattr(X, "columns"):
-        return tuple(str(name) for name in X.columns)
+        return tuple(str(name) for name in X.columns if name not in clocks)
     return tuple(f"{letter}{k + 1}" for k in range(1 if X.ndim == 1 else X.shape[1]))
 
 
@@ -214,27 +234,12 @@ def _partitions(X: Any, like: Any = None) -> list[Any]:
 
 def _joined_frame(x: Any, *more: Any, names: tuple[str, ...], timed: bool) -> pd.DataFrame:
     """Put states, inputs and times side by side."""
-    parts = [np.asarray(part, float).reshape(len(x), -1) for part in (x, *more)]
-    frame = pd.DataFrame(np.hstack(parts), columns=[*names, *(["t"] if timed else [])])
-    return frame.set_index(x.index) if getattr(x, "index", None) is not None and x.index.name is not None else frame
-
-
-def files_of(source: Any) -> list[Path]:
-    """Return the files that a path, a pattern, a folder, or a list of these names, in order.
-
-    Raises:
-        DataError: there is no such file.
-    """
-    if isinstance(source, list | tuple):
-        return [path for item in source for path in files_of(item)]
-    path = Path(source)
-    if path.is_dir():
-        found = sorted(path.rglob("*.parquet")) or sorted(path.glob("*.csv"))
-    else:
-        found = [path] if path.is_file() else [Path(name) for name in sorted(glob.glob(str(path), recursive=True))]
-    if not found:
-        raise DataError(f"{source}: no such file, no folder with Parquet or CSV files, and no pattern that fits any")
-    return found
+    parts = [pd.DataFrame(np.asarray(part) if not hasattr(part, "columns") else part) for part in (x, *more)]
+    frame = pd.concat([part.reset_index(drop=True) for part in parts], axis=1)
+    frame.columns = [*names, *(["t"] if timed else [])]
+    index = getattr(x, "index", None)
+    kept = index is not None and not timed and (holds_dates(index) or index.name is not None)
+    return frame.set_index(index) if kept else frame
 
 
 def _row_groups(path: Path) -> Iterator[RowGroups]:

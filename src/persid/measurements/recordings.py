@@ -91,7 +91,6 @@ class Recordings:
     digest: str
     engine: Engine
     _columns: Columns
-    _by: str | None
     _chunks: tuple[Chunk, ...]
     _runs: tuple[Run, ...]
     _first: dict[int, int] = field(repr=False)  # of every table, the number of its first chunk
@@ -157,7 +156,7 @@ class Recordings:
     def _task(self, k: int, jobs: list[_Job]) -> tuple[Any, ...]:
         chunk = self._chunks[k]
         ahead = self._ahead(k, max(job.reach for job in jobs) - chunk.rows)
-        return chunk.source, chunk.lazy, self._columns, self._by, chunk.offset, jobs, ahead
+        return chunk.source, chunk.lazy, self._columns, chunk.offset, jobs, ahead
 
     def _ahead(self, k: int, count: int) -> tuple[ndarray | None, ndarray]:
         """Return the `count` rows that follow a chunk, from the heads of those after it."""
@@ -175,9 +174,9 @@ class Recordings:
         return (np.concatenate(clocks) if clocks else None), np.concatenate([values for _, values in heads])
 
 
-def _read(source: Any, lazy: Lazy | None, columns: Columns, by: str | None, offset: int, ahead: Any) -> Any:
+def _read(source: Any, lazy: Lazy | None, columns: Columns, offset: int, ahead: Any) -> Any:
     """Read a chunk with the rows ahead of it; where the step is given, times count from the first row of the table."""
-    rows = read_rows(source, lazy, columns, by)
+    _, rows = read_rows(source, lazy, columns, [])
     values = np.concatenate([rows.values, ahead[1]]) if len(ahead[1]) else rows.values
     if rows.t is None:
         return np.arange(offset, offset + len(values)) * float(columns.dt or 0), values
@@ -185,11 +184,11 @@ def _read(source: Any, lazy: Lazy | None, columns: Columns, by: str | None, offs
 
 
 def _chunk_sums(
-    source: Any, lazy: Any, columns: Any, by: Any, offset: int, jobs: list[_Job], ahead: Any,
+    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any,
     *, function: Callable[..., Any], n: int,
 ) -> dict[int, Any]:  # fmt: skip
     """Return the sums of a function over the parts in one chunk."""
-    t, values = _read(source, lazy, columns, by, offset, ahead)
+    t, values = _read(source, lazy, columns, offset, ahead)
     return summed(
         {job.block: function(Trajectory(t[rows], values[rows, :n], values[rows, n:]), job.count)}
         for job in jobs
@@ -198,10 +197,10 @@ def _chunk_sums(
 
 
 def _chunk_segments(
-    source: Any, lazy: Any, columns: Any, by: Any, offset: int, jobs: list[_Job], ahead: Any
+    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any
 ) -> list[tuple[int, tuple[ndarray, ndarray]]]:
     """Return the times and values of some parts of one chunk, copied: the chunk itself can go."""
-    t, values = _read(source, lazy, columns, by, offset, ahead)
+    t, values = _read(source, lazy, columns, offset, ahead)
     rows = [(job.block, slice(job.start, job.reach)) for job in jobs]
     return [(number, (t[chosen].copy(), values[chosen].copy())) for number, chosen in rows]
 

@@ -1,27 +1,28 @@
-"""measurements.tables."""
+"""Tables: what is taken from one, and how its cells become numbers; the same for files, frames and chunks."""
 
-import csv
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+import difflib
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.times import STEPS, Clock, base_and_unit, holds_dates, is_clock, looks_dated
 
-TIME_NAMES = ("t", "time")
-GAP = 10.0  # a step longer than this many median steps is a gap, not an irregular sample
-
-Paths = str | Path | Sequence[str | Path]
+MISSING = ("error", "split", "drop", "interpolate")
+MOST_NAMES = 40  # columns that an error lists
 
 
 @dataclass(frozen=True)
 class Columns:
     """What is taken from a table: names, where the time comes from (a column, or the step dt in s), what ends a run.
+
+    `missing` says what becomes of empty cells and NaN, `na` lists further values that mean the same, `run` is the
+    column that tells runs apart, `origin` the instant that counts as 0 where dates are read chunk by chunk.
 
     Raises:
         DataError: the question contradicts itself.
@@ -33,14 +34,17 @@ class Columns:
     dt: float | int | None
     gap: float | int | None
     missing: str
+    na: tuple[Any, ...] = ()
+    run: str | None = None
+    origin: Any = None
 
     def __post_init__(self) -> None:
-        if self.missing not in ("error", "split"):
-            raise DataError(f'missing={self.missing!r}; choose "error" or "split"')
+        if self.missing not in MISSING:
+            raise DataError(f"missing={self.missing!r}; choose one of {', '.join(MISSING)}")
         if self.time is not None and self.dt is not None:
-            raise DataError("both a time column and a step dt were given; give one of them")
+            raise DataError("both a time column (time=) and a step (dt=) were given; give one of them")
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
-            raise DataError(f"dt = {self.dt}; needed is a positive step in s")
+            raise DataError(f"dt={self.dt} is no step; needed is a positive number in s")
         if not self.states or len(set(self.names)) != len(self.names):
             given = f"states {list(self.states)} and inputs {list(self.inputs)}"
             raise DataError(f"{given}: at least one state, and no name twice, is needed")
@@ -50,159 +54,278 @@ class Columns:
         """Names of the states, then of the inputs."""
         return (*self.states, *self.inputs)
 
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """All columns that were asked for by name."""
+        return (*self.names, *(name for name in (self.time, self.run) if name is not None))
+
+    def takes(self, name: Any) -> bool:
+        """Whether a column may be wanted: by its name, by its name without a unit, or as a time."""
+        text = str(name).strip()
+        wanted = {part.strip() for part in self.asked} | {base_and_unit(part)[0] for part in self.asked}
+        return text in wanted or base_and_unit(text)[0] in wanted or (
+            self.dt is None and self.time is None and (is_clock(text) or base_and_unit(text)[0].lower() in STEPS)
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Table:
-    """One table still as it was read: `label(k)` names data row k the way its owner counts."""
+    """One table still as it was read: `label(k)` names data row k the way its owner counts.
+
+    `names` are those of all columns of the file, `units` what a row of units says of them, `notes` what was repaired;
+    `headed` is false where the file has no names and the columns are called c1, c2, ...
+    """
 
     name: str
     frame: pd.DataFrame
     label: Callable[[int], str]
+    names: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    headed: bool = True
+
+    @property
+    def offer(self) -> str:
+        """The columns that there are, as an error lists them."""
+        names = [str(name).strip() for name in (self.names or self.frame.columns)]
+        more = f", ... ({len(names)} in all)" if len(names) > MOST_NAMES else ""
+        why = "" if self.headed else "the file has no row of names; "
+        return f"{why}the columns are {', '.join(names[:MOST_NAMES])}{more}"
 
 
-def _header(path: Path) -> list[str]:
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            header = next(csv.reader(file), [])
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise DataError(f"{path}: row 1 is not a header in UTF-8 text: {error}") from None
-    if not any(name.strip() for name in header):
-        raise DataError(f"{path}: the file is empty; needed is a header with the names of the columns, then the rows")
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise DataError(f"{path}: row 1 has no comma but {header[0]!r}; save the table with commas between the columns")
-    return header
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a table: times in s (None: from the step), states and inputs, which are complete, the run's label.
+
+    `clock` names the column of the times.
+    """
+
+    t: Float[ndarray, " N"] | None
+    values: Float[ndarray, "N k"]
+    good: ndarray
+    runs: ndarray | None
+    label: Callable[[int], str]
+    clock: str = ""
 
 
-def _assemble(tables: Iterator[Table], columns: Columns) -> Trajectories:
-    runs: list[Trajectory] = []
-    notes: list[str] = []
-    for table in tables:
-        runs += _runs(table, columns, notes)
-    return Trajectories(tuple(runs), columns.states, columns.inputs, tuple(notes))
-
-
-def table_rows(table: Table, columns: Columns, notes: list[str]) -> tuple[ndarray | None, ndarray, ndarray]:
-    """Return times in s (None where the step dt gives them), states and inputs, and which rows are complete.
+def rows_of(table: Table, columns: Columns, notes: list[str]) -> Rows:
+    """Return the numbers of a table; what was repaired is added to the notes.
 
     Raises:
-        DataError: a column is missing, a cell is no finite number, or times do not increase.
+        DataError: a column is missing, or a cell is no finite number.
     """
-    time_name = None if columns.dt is not None else _time_name(table, columns)
-    names = [*([time_name] if time_name else []), *columns.names]
-    found = [_find(table, name) for name in names]
-    repaired = [repr(column) for name, column in zip(names, found, strict=True) if column != name]
-    if repaired:
-        notes.append(f"{table.name}: blanks around the names of columns were ignored: {', '.join(repaired)}")
-    values = np.column_stack([_column(table, column, columns.missing == "split") for column in found])
-    good = np.isfinite(values).all(axis=1)
-    if time_name is None:
-        return None, values, good
-    check_order(table, time_name, values[:, 0], good)
-    return values[:, 0], values[:, 1:], good
-
-
-def _runs(table: Table, columns: Columns, notes: list[str]) -> list[Trajectory]:
+    notes += [f"{table.name}: {note}" for note in table.notes]
+    found = [find(table, name, notes) for name in columns.names]
     if len(table.frame) < 2:
         raise DataError(f"{table.name}: {len(table.frame)} rows of data; at least 2 are needed")
-    t, values, good = table_rows(table, columns, notes)
-    if t is None:
-        t = np.arange(len(values)) * float(columns.dt or 0)
-    cuts = _cuts(table, t, good, columns.gap, notes)
-    n = len(columns.states)
-    runs = [Trajectory(t[a:b], values[a:b, :n], values[a:b, n:]) for a, b in cuts if b - a >= 2]
-    if len(runs) < len(cuts):
-        notes.append(f"{table.name}: {len(cuts) - len(runs)} single sample(s) between gaps were left out")
-    if not runs:
-        raise DataError(f"{table.name}: no two consecutive complete rows; at least 2 are needed")
-    return runs
+    runs = None if columns.run is None else table.frame[find(table, columns.run, notes)].to_numpy()
+    clock = None if columns.dt is not None else clock_column(table, columns, notes)
+    t = None if clock is None else _times(table, clock, columns, notes)
+    values = np.column_stack([_numbers(table, column, columns, notes) for column in found])
+    good = np.isfinite(values).all(axis=1) & (True if t is None else np.isfinite(t))
+    rows = Rows(t, values, good, runs, table.label, str(clock).strip())
+    if columns.missing == "drop":
+        return _dropped(rows, table, columns, notes)
+    if columns.missing == "interpolate":
+        return _filled(rows, table, columns, notes)
+    return rows
 
 
-def _time_name(table: Table, columns: Columns) -> str:
+def find(table: Table, name: str, notes: list[str]) -> Hashable:
+    """Return the column of that name, written exactly so, with blanks around it, or with its unit left out.
+
+    Raises:
+        DataError: there is none, or more than one.
+    """
+    columns = list(table.frame.columns)
+    matches = [column for column in columns if str(column).strip() == name.strip()]
+    exact = [column for column in matches if column == name]
+    if len(matches) > 1 and len(exact) != 1:
+        raise DataError(f"{table.name}: there are {len(matches)} columns named {name!r}; give every column its own")
+    if matches:
+        chosen = (exact or matches)[0]
+        if chosen != name:
+            _note(notes, f"{table.name}: blanks around the names of columns were ignored: {chosen!r}")
+        return chosen
+    bare = [column for column in columns if base_and_unit(column)[0] == base_and_unit(name)[0]]
+    if len(bare) == 1:
+        _note(notes, f"{table.name}: {name!r} is the column {str(bare[0]).strip()!r}")
+        return bare[0]
+    names = [str(column).strip() for column in table.names or columns]
+    near = difflib.get_close_matches(name, names, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise DataError(f"{table.name}: there is no column {name!r}; {hint}{table.offer}")
+
+
+def _note(notes: list[str], note: str) -> None:
+    if note not in notes:
+        notes.append(note)
+
+
+def _times(table: Table, column: Hashable, columns: Columns, notes: list[str]) -> Float[ndarray, " N"]:
+    """Return the times in s."""
+    cells = _known(table.frame[column], columns.na)
+    step = _lone_step(cells)
+    if step is not None:
+        _note(notes, f"{table.name}: {str(column).strip()!r} holds one step, {step:g} s, in its first row")
+        return np.arange(len(cells)) * step
+    t, said = _clock(table, column, columns).seconds(cells)
+    bad = np.flatnonzero(~np.isfinite(t) & (cells.notna().to_numpy() & ~_blank(cells) | (columns.missing == "error")))
+    if len(bad):
+        place = f"{table.label(int(bad[0]))}, column {str(column).strip()!r}"
+        hint = _hint(cells, int(bad[0]))
+        raise DataError(f"{table.name}: {place}: {_complaint(table.frame[column].iloc[bad[0]], 'time')}{hint}")
+    if said:
+        _note(notes, f"{table.name}: time {str(column).strip()!r}: {said}")
+    return t
+
+
+def origin_of(table: Table, columns: Columns) -> Any:
+    """Return the first instant of a table whose times are dates or numbers since 1970, and None of any other."""
+    if columns.dt is not None or not len(table.frame):
+        return None
+    column = clock_column(table, columns, [])
+    return _clock(table, column, columns).first_instant(_known(table.frame[column], columns.na))
+
+
+def _clock(table: Table, column: Hashable, columns: Columns) -> Clock:
+    """Return how a column counts: by the unit in its name, in the argument that named it, or in the row of units."""
+    asked = None if columns.time is None else base_and_unit(columns.time)[1]
+    below = base_and_unit(f"t [{table.units.get(str(column), '')}]")[1]
+    return Clock(base_and_unit(column)[1] or asked or below, columns.origin)
+
+
+def clock_column(table: Table, columns: Columns, notes: list[str]) -> Hashable:
+    """Return the column of the times: the one that was named, or one that is named like a time or holds dates.
+
+    Raises:
+        DataError: there is none.
+    """
     if columns.time is not None:
-        return columns.time
-    found = [str(c).strip() for c in table.frame.columns if str(c).strip().lower() in TIME_NAMES]
-    found = [name for name in found if name not in columns.names]
+        return find(table, columns.time, notes)
+    free = [column for column in table.frame.columns if str(column).strip() not in columns.names]
+    plain = [column for column in free if str(column).strip().lower() in ("t", "time")]
+    named = [column for column in free if is_clock(column)]
+    dated = [column for column in free if looks_dated(table.frame[column])]
+    steps = [c for c in free if base_and_unit(c)[0].lower() in STEPS and _lone_step(table.frame[c]) is not None]
+    found = [*plain, *named, *dated, *steps]
     if not found:
-        raise DataError(f"{table.name}: no time: name its column (time=, --time) or give the step in s (dt=, --dt)")
+        hint = "name its column (time=) or give the step in s (dt=)"
+        raise DataError(f"{table.name}: no time: {hint}; {table.offer}")
+    if not plain:
+        _note(notes, f"{table.name}: the column {str(found[0]).strip()!r} is taken as the time")
     return found[0]
 
 
-def _column(table: Table, column: Hashable, allow_missing: bool) -> ndarray:
-    """Return one column as floats, or raise the error that names its first bad cell."""
-    series = table.frame[column]
-    numbers = series if pd.api.types.is_numeric_dtype(series) and series.dtype != bool else _parsed(series)
-    values = numbers.to_numpy(dtype=float, na_value=np.nan)
+def _lone_step(cells: pd.Series) -> float | None:
+    """Return the step that stands alone in the first row of a column."""
+    if len(cells) < 2 or holds_dates(cells) or cells.iloc[1:].notna().any():
+        return None
+    step = pd.to_numeric(cells.iloc[:1], errors="coerce").iloc[0]
+    return float(step) if pd.notna(step) and 0 < step < np.inf else None
+
+
+def _known(cells: pd.Series, na: Sequence[Any]) -> pd.Series:
+    """Return cells without the values that mean "missing"."""
+    if not na:
+        return cells
+    wanted = {str(value).strip() for value in na}
+    numbers = [number for number in (_number(value) for value in na) if number is not None]
+    coded = pd.to_numeric(cells, errors="coerce").isin(numbers) if not holds_dates(cells) else False
+    return cells.mask(coded | cells.map(lambda cell: str(cell).strip() in wanted))
+
+
+def _number(value: Any) -> float | None:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def _numbers(table: Table, column: Hashable, columns: Columns, notes: list[str]) -> Float[ndarray, " N"]:
+    """Return one column as floats, NaN where a cell is missing, or raise the error that names its first bad cell."""
+    series = _known(table.frame[column], columns.na)
+    if holds_dates(series):
+        raise DataError(f"{table.name}: the column {str(column).strip()!r} holds dates, not numbers; name it as time=")
+    if not pd.api.types.is_numeric_dtype(series) or series.dtype == bool:
+        series = _truths(series, table, column, notes)
+    values = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     bad = ~np.isfinite(values)
-    if allow_missing:
+    if columns.missing != "error":
         bad &= ~(pd.isna(series).to_numpy() | _blank(series))
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
-        raise DataError(f"{table.name}: {table.label(k)}, column {str(column).strip()!r}: {_complaint(series.iloc[k])}")
+        where = f"{table.name}: {table.label(k)}, column {str(column).strip()!r}"
+        raise DataError(f"{where}: {_complaint(series.iloc[k])}{_hint(series, k)}")
     return values
 
 
-def _parsed(series: pd.Series) -> pd.Series:
-    texts = series.where(series.map(lambda cell: not isinstance(cell, bool)), "")
-    return pd.to_numeric(texts, errors="coerce")
+def _hint(series: pd.Series, k: int) -> str:
+    """Name the way with missing cells that fits, where the first bad cell is one."""
+    empty = pd.isna(series).to_numpy() | _blank(series)
+    if not empty[k]:
+        return ""
+    full = int((~empty).sum())
+    if 10 * full < 9 * len(empty):
+        return (
+            f'; {full} of {len(empty)} rows have a value (a slower channel?): missing="drop" takes these rows alone, '
+            'missing="interpolate" fills the others'
+        )
+    return '; missing="split" starts a new trajectory there, missing="interpolate" fills it'
+
+
+def _truths(series: pd.Series, table: Table, column: Hashable, notes: list[str]) -> pd.Series:
+    """Return a column of truth values as 0 and 1; any other one as it is, truth values among numbers made texts."""
+    known = series.dropna()
+    words = known.map(lambda cell: str(cell).strip().lower())
+    if len(known) and words.isin(("true", "false")).all():
+        _note(notes, f"{table.name}: {str(column).strip()!r} holds truth values, taken as 0 and 1")
+        return words.map({"true": 1.0, "false": 0.0}).reindex(series.index)
+    return series.map(lambda cell: str(cell) if isinstance(cell, bool) else cell)
 
 
 def _blank(series: pd.Series) -> ndarray:
     return series.map(lambda cell: isinstance(cell, str) and not cell.strip()).to_numpy(dtype=bool)
 
 
-def _complaint(cell: Any) -> str:
+def _complaint(cell: Any, what: str = "number") -> str:
     if isinstance(cell, str) and cell.strip():
-        return f"{cell!r} is not a number; correct the cell or leave the column out"
+        return f"{cell!r} is not a {what}; correct the cell, leave the column out, or name it as missing (na=)"
     if isinstance(cell, float) and np.isinf(cell):
         return f"{cell} is not finite; correct the cell or cut the row out"
     if pd.isna(cell) or isinstance(cell, str):
-        return 'the cell is empty or NaN; fill it, or read with missing="split" to start a new trajectory there'
+        return "the cell is empty or NaN"
     return f"{cell!r} is not a finite number"
 
 
-def _find(table: Table, name: str) -> Hashable:
-    columns = list(table.frame.columns)
-    matches = [column for column in columns if str(column).strip() == name.strip()]
-    exact = [column for column in matches if column == name]
-    if len(matches) > 1 and len(exact) != 1:
-        raise DataError(
-            f"{table.name}: row 1 has {len(matches)} columns named {name!r}; give every column its own name"
-        )
-    if not matches:
-        raise DataError(f"{table.name}: there is no column {name!r}; {_offer(table)}")
-    return (exact or matches)[0]
+def _dropped(rows: Rows, table: Table, columns: Columns, notes: list[str]) -> Rows:
+    """Leave incomplete rows out, without an end of a run there."""
+    kept = np.flatnonzero(rows.good)
+    lost = len(rows.good) - len(kept)
+    if not lost:
+        return rows
+    notes.append(f"{table.name}: {lost} of {len(rows.good)} rows are incomplete and left out")
+    t = rows.t if rows.t is not None else np.arange(len(rows.good)) * float(columns.dt or 0)
+    runs = None if rows.runs is None else rows.runs[kept]
+    return Rows(t[kept], rows.values[kept], rows.good[kept], runs, lambda k: table.label(int(kept[k])), rows.clock)
 
 
-def _offer(table: Table) -> str:
-    path = Path(table.name)
-    is_csv = path.is_file() and path.suffix != ".parquet"
-    return f"the columns are {', '.join(str(name).strip() for name in (_header(path) if is_csv else table.frame))}"
-
-
-def check_order(table: Table, name: str, t: ndarray, good: ndarray) -> None:
-    rows = np.flatnonzero(good)
-    back = np.flatnonzero(np.diff(t[rows]) <= 0)
-    if len(back):
-        k, before = int(rows[back[0] + 1]), float(t[rows[back[0]]])
-        what = "is repeated" if t[k] == before else f"comes after {before!r}"
-        coarse = "keep one row for each time, or give the step dt where the steps are equal and the clock is too coarse"
-        hint = coarse if t[k] == before else "sort the rows by time"
-        raise DataError(f"{table.name}: {table.label(k)}, column {name!r}: time {float(t[k])!r} {what}; {hint}")
-
-
-def _cuts(table: Table, t: ndarray, good: ndarray, gap: float | int | None, notes: list[str]) -> list[tuple[int, int]]:
-    """Cut at incomplete rows and at gaps in time; return [start, end) of the pieces and note every cut."""
-    steps = np.diff(t)
-    both = good[:-1] & good[1:]
-    limit = GAP * float(np.median(steps[both])) if gap is None and both.any() else (np.inf if gap is None else gap)
-    far = both & (steps > limit)
-    for k in np.flatnonzero(far):
-        where = f"{table.label(int(k))} to {table.label(int(k) + 1)}"
-        notes.append(f"{table.name}: a gap of {steps[k]:.6g} s from {where}; a new trajectory starts there")
-    for k in np.flatnonzero(~good):
-        notes.append(f"{table.name}: {table.label(int(k))} is incomplete; left out, a new trajectory starts after it")
-    starts = np.flatnonzero(good & np.concatenate([[True], ~good[:-1] | far]))
-    ends = np.flatnonzero(good & np.concatenate([~good[1:] | far, [True]])) + 1
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+def _filled(rows: Rows, table: Table, columns: Columns, notes: list[str]) -> Rows:
+    """Fill states by straight lines in time, and hold inputs; what lies outside stays missing."""
+    clock = np.arange(len(rows.good)) * 1.0 if rows.t is None else rows.t
+    values = rows.values.copy()
+    for k in range(values.shape[1]):
+        known = np.flatnonzero(np.isfinite(values[:, k]) & np.isfinite(clock))
+        inner = np.flatnonzero(~np.isfinite(values[:, k]) & np.isfinite(clock))
+        inner = inner[(inner > known[0]) & (inner < known[-1])] if len(known) else inner[:0]
+        if not len(inner):
+            continue
+        name = columns.names[k]
+        if k < len(columns.states):
+            values[inner, k] = np.interp(clock[inner], clock[known], values[known, k])
+            notes.append(f"{table.name}: {len(inner)} missing cells of {name} were filled by straight lines in time")
+        else:
+            values[inner, k] = values[known[np.searchsorted(known, inner) - 1], k]
+            notes.append(f"{table.name}: {len(inner)} missing cells of {name} hold the value before them")
+    good = np.isfinite(values).all(axis=1) & np.isfinite(clock)
+    return replace(rows, values=values, good=good)

@@ -122,6 +122,8 @@ class Trajectories(Sequence[Trajectory]):
     ) -> "Trajectories":
         """Return the trajectories of arrays x (N, n), u (N, m), t (N,) in s or a step dt in s; lists mean several runs.
 
+        Times may be dates, too; they become s since the first.
+
         Raises:
             DataError: shapes do not fit, a number is not finite, or times do not increase; the message says which.
         """
@@ -130,9 +132,10 @@ class Trajectories(Sequence[Trajectory]):
         us, ts = ([None] * len(xs) if value is None else list(value) for value in (us, ts))
         if not len(xs) == len(us) == len(ts):
             raise DataError(f"x has {len(xs)} runs, u {len(us)} and t {len(ts)}; give one of each for every run")
+        ts, notes = _seconds(ts)
         runs = tuple(_run(f"run {i + 1}", *parts, dt) for i, parts in enumerate(zip(xs, us, ts, strict=True)))
         n, m = runs[0].x.shape[1], runs[0].u.shape[1] if runs else 0
-        return cls(runs, _names("states", states, "x", n), _names("inputs", inputs, "u", m))
+        return cls(runs, _names("states", states, "x", n), _names("inputs", inputs, "u", m), notes)
 
     @classmethod
     def from_dataframe(
@@ -140,21 +143,20 @@ class Trajectories(Sequence[Trajectory]):
         frame: "DataFrame | Sequence[DataFrame]",
         states: Sequence[str] | None = None,
         inputs: Sequence[str] = (),
-        *,
-        time: str | None = None,
-        dt: float | int | None = None,
+        **reading: Any,
     ) -> "Trajectories":
-        """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time in s).
+        """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time).
 
-        Time is the column `time`, or the step `dt` in s, or a column or index named t or time. `states` defaults to
-        all columns that are neither inputs nor time.
+        Time is a column or an index that is named like one or holds dates. `states` defaults to all columns that are
+        neither inputs nor time. `time`, `dt` (s), `gap` (s), `missing`, `na` and `run` are those of
+        `persid.read_measurements`.
 
         Raises:
             DataError: as for `persid.read_csv`, naming row and column.
         """
         from persid.measurements.frames import trajectories_of_frames
 
-        return trajectories_of_frames(frame, states, inputs, time, dt)
+        return trajectories_of_frames(frame, states, inputs, **reading)
 
     def to_dataframe(self) -> "DataFrame":
         """Return one table of states and inputs with the index (run, t), t in s; `from_dataframe` reads it back."""
@@ -195,6 +197,18 @@ class Trajectories(Sequence[Trajectory]):
         from persid.measurements.frames import to_xarray
 
         return to_xarray(self)
+
+
+def _seconds(ts: Sequence[Any]) -> tuple[list[Any], tuple[str, ...]]:
+    """Return the times of all runs in s, and what was done to them."""
+    if all(t is None for t in ts):
+        return list(ts), ()
+    from persid.measurements.times import in_seconds
+
+    pairs = [in_seconds(t) for t in ts if t is not None]
+    found = iter(t for t, _ in pairs)
+    notes = tuple(dict.fromkeys(f"times: {said}" for _, said in pairs if said))
+    return [None if t is None else next(found) for t in ts], notes
 
 
 def _is_run(value: Any) -> bool:

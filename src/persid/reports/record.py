@@ -1,6 +1,5 @@
 """The record of a run: how its results came about, in run.json."""
 
-import hashlib
 import platform
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -11,6 +10,7 @@ from typing import Any
 
 from persid.errors import FolderError
 from persid.identification.diagnostics import FitReport
+from persid.measurements.readers.sources import Content, sha256
 from persid.reports.layout import RECORD
 from persid.reports.objects import read_object, restored, write_object
 from persid.verdicts.verdict import Attempt
@@ -65,15 +65,9 @@ class Record:
             raise FolderError(f"{path}: not the record of a run: {error}") from None
 
 
-def sources(paths: Sequence[str | Path]) -> tuple[Source, ...]:
+def sources(files: Sequence[Path | Content]) -> tuple[Source, ...]:
     """Return the files of measurements with their hashes."""
-    return tuple(Source(str(path), sha256(Path(path))) for path in paths)
-
-
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return tuple(Source(str(file), sha256(file)) for file in files)
 
 
 def versions() -> dict[str, str]:

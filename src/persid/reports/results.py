@@ -6,10 +6,11 @@ from typing import Any
 
 from persid.errors import FolderError
 from persid.measurements.readers import read_measurements
+from persid.measurements.readers.sources import sha256
 from persid.measurements.trajectories import Trajectories
 from persid.models.files import load_model
 from persid.reports.layout import MODEL
-from persid.reports.record import Record, sha256
+from persid.reports.record import Record
 from persid.reports.verdict_files import read_verdict
 from persid.verdicts.verdict import Verdict
 

@@ -1,0 +1,42 @@
+"""Words: what the library says of its arguments, said of the options of the command line."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+OPTIONS = {
+    name: "--" + name.replace("_", "-")
+    for name in (
+        "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
+        "shared", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine", "operating_point",
+        "u_op", "domain", "time_limit", "select", "engine", "scheduler", "gains",
+    )
+} | {"run": "--run-column"}  # fmt: skip
+ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")
+SAID = ("note", "warning", "but", "error", "verdict", "hint")
+KEYS = ("notes", "warnings", "caution", "error", "reason")
+
+
+def spoken(text: str) -> str:
+    """Return a sentence of the library as the command line says it: missing="drop" becomes --missing drop."""
+    return ARGUMENT.sub(_option, text).replace('scope="regional"', "--domain data")
+
+
+def _option(match: re.Match[str]) -> str:
+    name, value = OPTIONS[match[1]], match[2].strip("\"'")
+    if value.startswith("["):
+        value = '"' + ",".join(re.findall(r"""["'](.*?)["']""", value)) + '"'
+    if value in ("True", "False"):
+        return name if value == "True" else name.replace("--", "--no-")
+    return f"{name} {value}" if value else name
+
+
+def spoken_object(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is printed as JSON with its sentences as the command line says them."""
+    return {name: _entry(entry) if name in KEYS else entry for name, entry in content.items()}
+
+
+def _entry(entry: Any) -> Any:
+    if isinstance(entry, list | tuple):
+        return [_entry(part) for part in entry]
+    return spoken(entry) if isinstance(entry, str) else entry
