@@ -143,3 +143,14 @@ def test_options_of_fits(here: Path, case: str) -> None:
 def test_options_that_cannot_be_read(here: Path, words: list[str]) -> None:
     """A pattern that is not square, or holds other numbers, and words for numbers are wrong use."""
     assert cli.main([*IDENTIFY, *words]) == 2
+
+
+@pytest.mark.parametrize("words", [["--derivatives", "1"], ["--delays", "1"]])
+def test_a_run_with_more_states_is_reported(here: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """A run that appends velocities or delays ends with a report, which can be built again from the folder."""
+    command = ["run", "data.csv", "--states", "x1,x2", "--inputs", "u", "--functions", "x", "--time-limit", "2"]
+    assert cli.main([*command, *words, "-o", "out"]) in (0, 1, 3)
+    assert ps.load_model("out/model.json").n == 4
+    assert (here / "out" / "report.html").is_file()
+    assert cli.main(["report", "out"]) == 0
+    assert (here / "out" / "figures" / "free-run-1.png").is_file()

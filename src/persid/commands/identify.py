@@ -65,6 +65,7 @@ def run(
       persid run examples/traffic.csv --states x1,x2 --inputs u -o out
     """
     from persid.certified_fits.identifier import Delivery, deliver
+    from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
@@ -83,7 +84,8 @@ def run(
     with talk.progress() as progress, kept(output) as keep:
         progress("reading the measurements")
         found = files_of(list(data))
-        measured = read_measurements(found, **how)
+        states = {name: chosen.pop(name) for name in ("derivatives", "delays")}
+        measured = embedded(read_measurements(found, **how), **states)
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)
@@ -91,7 +93,7 @@ def run(
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison)
-        record = Record(_command(), sources(found), how, fit.report_, *facts)
+        record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts)
         progress("drawing the report")
         proof = _deliver(output, Results(made.model, verdict, measured, record))
     brief = summarize(verdict)

@@ -178,9 +178,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         return measured if isinstance(measured, Recordings) else self._appended(measured)
 
     def _appended(self, measured: Trajectories) -> Trajectories:
-        if self.delays:
-            sample_step(measured)
-        return embed(measured, self.derivatives, self.delays, choose_window(measured) if self.derivatives else 2)
+        return embedded(measured, self.derivatives, self.delays)
 
     @property
     def _estimator(self) -> Estimator:
@@ -351,6 +349,17 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
+
+
+def embedded(data: Trajectories, derivatives: int = 0, delays: int = 0) -> Trajectories:
+    """Return data with smoothed velocities and delayed copies among the states, as a fit appends them.
+
+    Raises:
+        DataError: delays need equal steps, or a run is too short.
+    """
+    if delays:
+        sample_step(data)
+    return embed(data, derivatives, delays, choose_window(data) if derivatives else 2)
 
 
 def _refuse_constant(data: Measurements) -> None:

@@ -45,4 +45,13 @@ def _read_again(record: Record | None) -> Trajectories | None:
         return None
     paths = [Path(source.path) for source in record.sources]
     same = all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, record.sources, strict=True))
-    return read_measurements(paths, **record.reading) if same else None
+    if not same:
+        return None
+    reading = dict(record.reading)
+    states = {name: reading.pop(name, 0) for name in ("derivatives", "delays")}
+    data = read_measurements(paths, **reading)
+    if not any(states.values()):
+        return data
+    from persid.identification.identifier import embedded
+
+    return embedded(data, **states)
