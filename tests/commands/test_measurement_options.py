@@ -145,6 +145,19 @@ def test_options_that_cannot_be_read(here: Path, words: list[str]) -> None:
     assert cli.main([*IDENTIFY, *words]) == 2
 
 
+def test_rates_are_printed_in_the_unit_that_is_asked_for(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A rate an hour is 3600 times one a second, rounded down, and files and JSON stay in seconds."""
+    assert cli.main(["certify", "model.json", "-o", "c.json", "--time-unit", "h"]) == 0
+    rate = ps.load_certificate("c.json").rate
+    assert rate is not None
+    shown = float(capsys.readouterr().out.split("rate ")[1].split(" 1/h")[0])
+    assert 0.999 * 3600 * rate < shown <= 3600 * rate
+    assert cli.main(["certify", "model.json", "-o", "c.json", "--time-unit", "h", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rate"] == pytest.approx(rate, rel=1e-6)
+    assert cli.main(["certify", "model.json", "-o", "c.json"]) == 0
+    assert " 1/s" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("words", [["--derivatives", "1"], ["--delays", "1"]])
 def test_a_run_with_more_states_is_reported(here: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """A run that appends velocities or delays ends with a report, which can be built again from the folder."""

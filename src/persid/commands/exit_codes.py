@@ -1,5 +1,6 @@
 """How a command ends: exit codes, errors in words, and the checks before and after the work that all commands share."""
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,8 @@ EXIT_CODES = {
     REJECTED: "rejected: the proof in the file does not hold",
     INTERRUPTED: "interrupted",
 }
+TIME_UNIT = "persid.time_unit"  # where a command keeps the unit of time of what it prints
+SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 KEPT = "interrupted.json"  # the model of a run that was interrupted after its fit
 EXIT = {"certified": DONE, "refuted": REFUTED, "undecided": UNDECIDED}
 
@@ -114,8 +117,17 @@ def named_gains(verdict: Any) -> dict[str, float]:
     return dict(zip(certificate.model.inputs, certificate.gains.tolist(), strict=True))
 
 
+def _rate(rate: float) -> str:
+    """Return a proved rate, rounded down, in the unit of time that was asked for."""
+    from persid._text import below
+
+    ctx = click.get_current_context(silent=True)
+    unit = "s" if ctx is None else str(ctx.meta.get(TIME_UNIT, "s"))
+    return f"{below(rate if unit == 's' else math.nextafter(rate * SECONDS[unit], 0))} 1/{unit}"
+
+
 def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
-    from persid._text import above, below
+    from persid._text import above
     from persid.verdicts.summary import summarize, unrated
 
     brief = summarize(verdict)
@@ -123,10 +135,10 @@ def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
         text = f"certified: input-to-state stable, {brief.scope} (claim {brief.claim}), {brief.seconds:.2g} s"
         bounds = []
         if brief.rate is not None and brief.gain is not None:
-            bounds = [f"rate {below(brief.rate)} 1/s, gain {above(brief.gain)}"]
+            bounds = [f"rate {_rate(brief.rate)}, gain {above(brief.gain)}"]
         elif brief.rate is not None and brief.output_gains is not None:
             gains = ", ".join(f"{name} {above(gain)}" for name, gain in brief.output_gains.items())
-            bounds = [f"rate {below(brief.rate)} 1/s, gain of {gains}"]
+            bounds = [f"rate {_rate(brief.rate)}, gain of {gains}"]
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
         named = {} if brief.gain is None else named_gains(verdict)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from persid.commands.exit_codes import SECONDS, TIME_UNIT
 from persid.identification.estimators import METHODS
 
 if TYPE_CHECKING:
@@ -201,6 +202,9 @@ proving = together(
                  help="Ask for all states first, or for a region in the box of the data only."),
     click.option("--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True,
                  help="Seconds for each verdict."),
+    click.option("--time-unit", type=click.Choice(list(SECONDS)), default="s", show_default=True, expose_value=False,
+                 callback=lambda ctx, param, value: ctx.meta.__setitem__(TIME_UNIT, value),
+                 help="Unit of time of the rate that is printed; files and --json stay in s."),
 )  # fmt: skip
 simulating = together(
     click.option("--x0", type=Numbers(), help="Initial state, such as 1,3."),
