@@ -59,7 +59,7 @@ def steps(conclusions: Conclusions) -> list[str]:
                 "L y - h(y) and L y + h(y) are nondecreasing on R for every output map h: |h(a) - h(b)| <= L |a - b|."
             )
         found.append(
-            "c >= C M^-1 C' was evaluated exactly for every output, V >= (x - x*)'M (x - x*): |C (x - x*)|^2 <= c V."
+            "c > C M^-1 C' was proved by enclosures for every output, V >= (x - x*)'M (x - x*): |C (x - x*)|^2 <= c V."
         )
     if conclusions.incremental:
         found.append(

@@ -9,7 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from flint import fmpq, fmpq_mat
+from flint import arb, arb_mat, ctx, fmpq
 
 from persid_check.exact import Matrix
 from persid_check.expression import ExpressionError, Program, parse
@@ -22,7 +22,9 @@ FORMAT = "persid-output-model-1"
 FIELDS = ("outputs", "C", "D", "d", "output_map")
 UNHASHED = ("hold", "noise", "x_mean", "x_cov", "provenance")  # of a model's file; no claim speaks of them
 MAX_OUTPUTS = 1000
-MAX_STATES = 200  # a linear system is solved exactly
+MAX_STATES = 200  # a linear system is solved in ball arithmetic
+BITS = (256, 1024, 4096)  # with which that is tried
+ACCURACY = 60  # bits of a constant that are enough: 53 are written
 OPTIONAL = {"E": ("outputs", "incremental"), "R": ("outputs",)}  # fields that a certificate of a claim may have
 
 Row = tuple[Fraction, ...]
@@ -154,7 +156,7 @@ def _fractions(rows: Sequence[Sequence[str]]) -> tuple[Row, ...]:
 
 
 def prove_outputs(claim: Stability, outputs: Outputs, below: Matrix) -> None:
-    """Prove |h(a) - h(b)| <= L |a - b| and c >= C below^-1 C' for each output; V >= z'below z, below > 0, is proved.
+    """Prove |h(a) - h(b)| <= L |a - b| and c > C below^-1 C' for each output; V >= z'below z, below > 0, is proved.
 
     Raises:
         NotProvedError: a step of the proof fails.
@@ -164,8 +166,8 @@ def prove_outputs(claim: Stability, outputs: Outputs, below: Matrix) -> None:
     for i, program in enumerate(outputs.maps or ()):
         _steepness(i, program, outputs.lipschitz[i])
     for i, least in enumerate(least_constants(outputs.C, below)):
-        if not outputs.constants[i] >= least:
-            raise NotProvedError(f"outputs.constants[{i}]", "c V >= |C (x - x*)|^2 does not follow from the bound of V")
+        if not _ball(outputs.constants[i]) > least:
+            raise NotProvedError(f"outputs.constants[{i}]", "c V >= |C (x - x*)|^2 is not proved from the bound of V")
 
 
 def _steepness(i: int, program: Program, L: Fraction) -> None:
@@ -175,18 +177,34 @@ def _steepness(i: int, program: Program, L: Fraction) -> None:
         raise NotProvedError(f"outputs.lipschitz[{i}]", "no proof that the output map is nowhere steeper")
 
 
-def least_constants(C: Sequence[Row], below: Matrix) -> list[Fraction]:
-    """Return C_i below^-1 C_i' for each row: the least c with c below - C_i'C_i >= 0."""
+def least_constants(C: Sequence[Row], below: Matrix) -> list[arb]:
+    """Return enclosures of C_i below^-1 C_i', of more bits where they are wide: the least c with c below >= C_i'C_i.
+
+    Raises:
+        NotProvedError: `below` cannot be inverted with the bits that are tried, or is too large.
+    """
     n = below.height
     if n > MAX_STATES:
         raise NotProvedError("outputs", f"bounds of outputs are read for at most {MAX_STATES} states")
-    columns = fmpq_mat(n, len(C), [fmpq(row[j].numerator, row[j].denominator) for j in range(n) for row in C])
-    solved = fmpq_mat(below.entries).solve(columns)
-    found = []
-    for i in range(len(C)):
-        total = sum((columns[j, i] * solved[j, i] for j in range(n)), fmpq(0))
-        found.append(Fraction(int(total.numer()), int(total.denom())) * 2**below.exponent)
+    found: list[arb] = []
+    for bits in BITS:
+        with ctx.workprec(bits):
+            columns = arb_mat(n, len(C), [_ball(row[j]) for j in range(n) for row in C])
+            try:
+                solved = arb_mat(below.entries).solve(columns)
+            except ZeroDivisionError:
+                continue
+            totals = [sum((columns[j, i] * solved[j, i] for j in range(n)), arb(0)) for i in range(len(C))]
+            found = [total * arb(2) ** below.exponent for total in totals]
+        if all(c.rel_accuracy_bits() > ACCURACY or c.rad() == 0 for c in found):
+            break
+    if not found:
+        raise NotProvedError("outputs", "the bound of V cannot be inverted with the bits that are tried")
     return found
+
+
+def _ball(value: Fraction) -> arb:
+    return arb(fmpq(value.numerator, value.denominator))
 
 
 def prove_incremental(claim: Stability, everywhere: bool) -> None:

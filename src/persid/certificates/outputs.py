@@ -4,6 +4,8 @@ from fractions import Fraction
 from math import isfinite
 from typing import Any
 
+from flint import arb, ctx
+
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode
 from persid.errors import ModelError
@@ -12,7 +14,7 @@ from persid.models.outputs import OutputModel
 from persid_check.claims import lower_bound
 from persid_check.format import Stability, read_certificate
 from persid_check.inequality import assemble
-from persid_check.outputs import canonical_outputs, detached, least_constants, output_sha256
+from persid_check.outputs import BITS, canonical_outputs, detached, least_constants, output_sha256
 
 DIGITS = 53  # of a constant's mantissa
 
@@ -32,7 +34,7 @@ def with_outputs(certificate: Certificate, model: OutputModel) -> Certificate:
     block = {
         "sha256": output_sha256(model.to_dict()),
         **form,
-        "constants": [_above(c) for c in _constants(claim, model)],
+        "constants": [_beyond(c) for c in _constants(claim, model)],
         "lipschitz": None if maps is None else [_above(Fraction(steepest(h.text))) for h in maps],
     }
     return Certificate.accept(encode(certificate.content | {"outputs": block}))
@@ -51,7 +53,7 @@ def refuse_steep_maps(model: OutputModel) -> None:
             )
 
 
-def _constants(claim: Any, model: OutputModel) -> list[Fraction]:
+def _constants(claim: Any, model: OutputModel) -> list[arb]:
     if not isinstance(claim, Stability):
         raise TypeError("not a certificate of stability")
     matrices = assemble(claim)
@@ -61,8 +63,19 @@ def _constants(claim: Any, model: OutputModel) -> list[Fraction]:
 
 def _above(number: Fraction) -> list[int]:
     """Return the least dyadic [mantissa, exponent] of so many digits that is not smaller."""
-    if number <= 0:
-        return [0, 0]
-    exponent = number.numerator.bit_length() - number.denominator.bit_length() - DIGITS
-    scaled = number / Fraction(2) ** exponent
+    exponent, scaled = _scaled(number)
     return [-(-scaled.numerator // scaled.denominator), exponent]
+
+
+def _beyond(ball: arb) -> list[int]:
+    """Return the least dyadic of so many digits that is larger than every number of a ball."""
+    with ctx.workprec(BITS[-1]):
+        mantissa, power = ball.upper().man_exp()
+    exponent, scaled = _scaled(Fraction(int(mantissa)) * Fraction(2) ** int(power))
+    return [scaled.numerator // scaled.denominator + 1, exponent]
+
+
+def _scaled(number: Fraction) -> tuple[int, Fraction]:
+    """Return an exponent and the number over that power of two, which has so many digits; 0 counts as tiny."""
+    exponent = number.numerator.bit_length() - number.denominator.bit_length() - DIGITS
+    return exponent, number / Fraction(2) ** exponent
