@@ -1,0 +1,1 @@
+"""Models of systems of which only inputs and outputs are measured: starts, fits, choices."""

@@ -1,0 +1,93 @@
+"""A batch of latent models of one size, in standard units, with one sample as the unit of time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Latent:
+    """Hold K models x' = W (x, f(V (x, 1)), u) + b, y = h(O (x, u, 1)), with W = [A A1 B], V = [R beta], O = [C D d].
+
+    x0 is the state at the first sample of every record.
+    """
+
+    W: Float[ndarray, "K n n+q+m"]
+    b: Float[ndarray, "K n"]
+    V: Float[ndarray, "K q n+1"]
+    O: Float[ndarray, "K l n+m+1"]  # noqa: E741 the outputs' matrix
+    x0: Float[ndarray, "K records n"]
+    activation: str = "tanh"
+    output_map: str | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.W.shape[1]
+
+    @property
+    def q(self) -> int:
+        """Number of neurons."""
+        return self.V.shape[1]
+
+    @property
+    def m(self) -> int:
+        """Number of inputs."""
+        return self.W.shape[2] - self.n - self.q
+
+    @property
+    def A(self) -> Float[ndarray, "K n n"]:
+        """The linear parts."""
+        return self.W[:, :, : self.n]
+
+    @property
+    def A1(self) -> Float[ndarray, "K n q"]:
+        """The columns of the neurons."""
+        return self.W[:, :, self.n : self.n + self.q]
+
+    @property
+    def B(self) -> Float[ndarray, "K n m"]:
+        """The columns of the inputs."""
+        return self.W[:, :, self.n + self.q :]
+
+    @property
+    def R(self) -> Float[ndarray, "K q n"]:
+        """The rows of the neurons."""
+        return self.V[:, :, :-1]
+
+    @property
+    def C(self) -> Float[ndarray, "K l n"]:
+        """The outputs' rows."""
+        return self.O[:, :, : self.n]
+
+    def __getitem__(self, chosen: ndarray | slice) -> "Latent":
+        parts = (part[chosen] for part in (self.W, self.b, self.V, self.O, self.x0))
+        return Latent(*parts, self.activation, self.output_map)
+
+    def mapped(self, T: Float[ndarray, "n n"], centre: Float[ndarray, " n"]) -> "Latent":
+        """Return the same models with the state T (x - centre)."""
+        back, n = np.linalg.inv(T), self.n
+        W, V, O = T @ self.W, self.V.copy(), self.O.copy()  # noqa: E741
+        W[:, :, :n] = W[:, :, :n] @ back
+        V[:, :, :n], O[:, :, :n] = V[:, :, :n] @ back, O[:, :, :n] @ back
+        V[:, :, -1] += self.R @ centre
+        O[:, :, -1] += self.C @ centre
+        return Latent(W, (self.b + self.A @ centre) @ T.T, V, O, (self.x0 - centre) @ T.T, *self.kind)
+
+    @property
+    def kind(self) -> tuple[str, str | None]:
+        """The activation and the output map."""
+        return self.activation, self.output_map
+
+
+def activated(name: str, s: ndarray) -> tuple[ndarray, ndarray]:
+    """Return f(s) and f'(s) of an activation by name."""
+    if name == "tanh":
+        f = np.tanh(s)
+        return f, 1 - f * f
+    if name == "softsign":
+        size = 1 / (1 + np.abs(s))
+        return s * size, size * size
+    return np.arctan(s), 1 / (1 + s * s)

@@ -1,0 +1,263 @@
+"""Levenberg-Marquardt on the error of free runs, for many models of one size at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from persid.identification.outputs import sensitivities
+from persid.identification.outputs.latent import Latent
+from persid.identification.outputs.parametrisation import Proved, Shape, proved
+from persid.identification.outputs.records import Pieces
+
+TOLERANCE = 1e-4  # relative gain of the cost in one step, over PATIENCE steps in a row
+PATIENCE = 3
+RETRIES = 12  # damped trials without a gain after which a model is left
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Hold K points of one parametrisation: parameters w, first states x0, the fixed offsets b, and their kind."""
+
+    w: Float[ndarray, "K p"]
+    x0: Float[ndarray, "K records n"]
+    b: Float[ndarray, "K n"]
+    activation: str = "tanh"
+    output_map: str | None = None
+
+    def __getitem__(self, chosen: ndarray | slice) -> "Batch":
+        return replace(self, w=self.w[chosen], x0=self.x0[chosen], b=self.b[chosen])
+
+
+class Parameters(Protocol):
+    """Say how parameters w become latent models."""
+
+    free: Bool[ndarray, " p"]
+
+    def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
+        """Return the models, the derivative of (W, V, O) by w, and whether each is valid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Free:
+    """w is (W, V, O) itself."""
+
+    n: int
+    q: int
+    m: int
+    l: int  # noqa: E741
+    free: Bool[ndarray, " p"]
+
+    def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
+        """Return the models as they stand."""
+        W, V, O = split(batch.w, self.n, self.q, self.m, self.l)  # noqa: E741
+        latent = Latent(W, batch.b, V, O, batch.x0, batch.activation, batch.output_map)
+        unit = np.broadcast_to(np.eye(batch.w.shape[1]), (len(W), *np.eye(batch.w.shape[1]).shape))
+        return latent, unit, np.ones(len(W), bool)
+
+
+@dataclass(frozen=True, eq=False)
+class Stable:
+    """w is (the stable parameters, B, beta, O)."""
+
+    shape: Shape
+    m: int
+    l: int  # noqa: E741
+    free: Bool[ndarray, " p"]
+
+    def proved(self, batch: Batch) -> Proved:
+        """Return the models with their multipliers."""
+        return proved(self.shape, batch.w[:, : self.shape.size])[0]
+
+    def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
+        """Return the models, by the chain rule through the parametrisation."""
+        n, q, m, l, p = self.shape.n, self.shape.q, self.m, self.l, self.shape.size  # noqa: E741
+        found, slopes = proved(self.shape, batch.w[:, :p])
+        B, beta, outputs = np.split(batch.w[:, p:], [n * m, n * m + q], 1)
+        K = len(batch.w)
+        W = np.concatenate([found.A, found.A1, B.reshape(K, n, m)], 2)
+        V = np.concatenate([found.R, beta[:, :, None]], 2)
+        places = np.arange(W[0].size + V[0].size + outputs.shape[1])
+        iW, iV, iO = split(places[None], n, q, m, l)
+        stable = np.concatenate([iW[0, :, :n].ravel(), iW[0, :, n : n + q].ravel(), iV[0, :, :n].ravel()])
+        plain = np.concatenate([iW[0, :, n + q :].ravel(), iV[0, :, n].ravel(), iO[0].ravel()])
+        D = np.zeros((K, batch.w.shape[1], len(places)))
+        D[:, :p, stable] = slopes
+        D[:, np.arange(p, batch.w.shape[1]), plain] = 1.0
+        latent = Latent(W, batch.b, V, outputs.reshape(K, l, -1), batch.x0, batch.activation, batch.output_map)
+        return latent, D, found.valid
+
+
+def split(theta: Float[ndarray, "K d"], n: int, q: int, m: int, l: int) -> tuple[ndarray, ndarray, ndarray]:  # noqa: E741
+    """Return the matrices W, V, O of flat parameters."""
+    W, V, O = np.split(theta, np.cumsum([n * (n + q + m), q * (n + 1)]), 1)  # noqa: E741
+    K = len(theta)
+    return W.reshape(K, n, n + q + m), V.reshape(K, q, n + 1), O.reshape(K, l, n + m + 1)
+
+
+@dataclass(eq=False)
+class Fit:
+    """Hold where K models stand: cost, root-mean-square errors on fitted and held-out samples, damping, gains.
+
+    `ended` says which of them need no more steps.
+    """
+
+    batch: Batch
+    start: Float[ndarray, "K n S"]
+    flow: Float[ndarray, "K S n n"]
+    cost: Float[ndarray, " K"]
+    error: Float[ndarray, " K"]
+    held_out: Float[ndarray, " K"]
+    damping: Float[ndarray, " K"]
+    small: ndarray
+    failed: ndarray
+    ended: Bool[ndarray, " K"]
+    steps: int = 0
+    trail: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Say what is fitted to what: pieces, parametrisation, ridge on the entries of W and V, substeps."""
+
+    pieces: Pieces
+    parameters: Parameters
+    ridge: Float[ndarray, "K d"]
+    substeps: int = 2
+    tolerance: float = TOLERANCE
+
+    def penalty(self, latent: Latent, ridge: ndarray) -> Float[ndarray, " K"]:
+        """Return what the ridge adds to the cost."""
+        return 0.5 * (ridge * theta_of(latent) ** 2).sum(1)
+
+
+def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
+    """Return (W, V, O) of every model in one row."""
+    return np.concatenate([part.reshape(len(part), -1) for part in (latent.W, latent.V, latent.O)], 1)
+
+
+def evaluated(
+    task: Task, batch: Batch, ridge: ndarray, start: ndarray, flow: ndarray, sweeps: int = sensitivities.SWEEPS
+) -> tuple[ndarray, ndarray, ndarray, sensitivities.Run, Latent]:
+    """Return cost, error and held-out error of models by simulation; infinite where one is invalid or diverges."""
+    latent, _, valid = task.parameters.latent(batch)
+    run = sensitivities.simulated(latent, task.pieces, start, flow, task.substeps, sweeps)
+    with np.errstate(all="ignore"):
+        gap = (sensitivities.mapped_output(latent, run.y)[0] - task.pieces.y[:, None]) ** 2
+        square = (gap * task.pieces.weight[:, None, None]).sum((0, 2, 3)) / task.pieces.values
+        held = (gap * task.pieces.held[:, None, None]).sum((0, 2, 3))
+    count = max(float(task.pieces.held.sum()) * task.pieces.y.shape[1], 1.0)
+    good = valid & run.joined & np.isfinite(square)
+    cost = np.where(good, 0.5 * square + task.penalty(latent, ridge), np.inf)
+    return cost, np.where(good, np.sqrt(square), np.inf), np.where(good, np.sqrt(held / count), np.inf), run, latent
+
+
+def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
+    """Return the fit before its first step: pieces start at zero, and meet after as many sweeps as that takes."""
+    K, n, S = len(batch.w), batch.x0.shape[2], len(task.pieces.record)
+    flow = np.zeros((K, S, n, n))
+    start = np.zeros((K, n, S))
+    for _ in range(4):
+        latent, _, _ = task.parameters.latent(batch)
+        run = sensitivities.simulated(latent, task.pieces, start, flow, task.substeps, 4)
+        if run.joined.all():
+            break
+        start = np.clip(np.nan_to_num(run.start), -100, 100)
+        with np.errstate(all="ignore"):
+            flow = np.nan_to_num(sensitivities.normal(latent, task.pieces, run, task.substeps).flow)
+    cost, error, held, run, _ = evaluated(task, batch, task.ridge, run.start, flow, 30)
+    zero = np.zeros(K, int)
+    return Fit(
+        batch, run.start, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost)
+    )
+
+
+def fitted(
+    task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None = None
+) -> Fit:
+    """Take Levenberg-Marquardt steps, at most so many for each model; `fit` is updated in place and returned."""
+    fresh: dict[int, tuple] = {}
+    for _ in range(steps):
+        active = np.flatnonzero(~fit.ended)
+        if not len(active):
+            break
+        _linearised(task, fit, np.array([k for k in active if k not in fresh], int), fresh)
+        moved = _moved(task, fit, active, fresh)
+        for k in active[moved]:
+            fresh.pop(int(k))
+        fit.steps += 1
+        if tell:
+            tell(fit)
+    return fit
+
+
+def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple]) -> None:
+    """Compute the normal equations in w of the chosen models."""
+    if not len(chosen):
+        return
+    batch = fit.batch[chosen]
+    latent, D, _ = task.parameters.latent(batch)
+    run = sensitivities.simulated(latent, task.pieces, fit.start[chosen], fit.flow[chosen], task.substeps, 1)
+    found = sensitivities.normal(latent, task.pieces, run, task.substeps)
+    fit.flow[chosen] = found.flow
+    count, ridge, theta = task.pieces.values, task.ridge[chosen], theta_of(latent)
+    H = found.H / count
+    H[:, np.arange(H.shape[1]), np.arange(H.shape[1])] += ridge
+    g = found.g / count + ridge * theta
+    H, g = D @ H @ np.swapaxes(D, 1, 2), (D @ g[..., None])[..., 0]
+    side = D[:, None] @ found.side / count
+    for i, k in enumerate(chosen):
+        fresh[int(k)] = (H[i], side[i], found.corner[i] / count, g[i], found.g0[i] / count, D[i], found.reach[i], found.own[i])
+
+
+def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple]) -> Bool[ndarray, " active"]:
+    """Try one damped step of every active model; return which of them were taken."""
+    H, side, corner, g, g0, D, reach, own = (np.array(part) for part in zip(*(fresh[int(k)] for k in active), strict=True))
+    dw, dx0 = _steps(H, side, corner, g, g0, fit.damping[active], task.parameters.free)
+    batch = replace(fit.batch[active], w=fit.batch.w[active] + dw, x0=fit.batch.x0[active] + dx0)
+    dtheta = (dw[:, None] @ D)[:, 0]
+    shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
+    start = fit.start[active] + np.swapaxes(shift, 1, 2)
+    cost, error, held, run, _ = evaluated(task, batch, task.ridge[active], start, fit.flow[active])
+    better = cost < fit.cost[active]
+    taken, refused = active[better], active[~better]
+    gain = 1 - cost[better] / fit.cost[taken]
+    fit.batch.w[taken], fit.batch.x0[taken] = batch.w[better], batch.x0[better]
+    fit.start[taken] = run.start[better]
+    fit.cost[taken], fit.error[taken], fit.held_out[taken] = cost[better], error[better], held[better]
+    fit.damping[taken] = np.maximum(fit.damping[taken] / 5, 1e-9)
+    fit.damping[refused] *= 4
+    fit.small[taken] = np.where(gain < task.tolerance, fit.small[taken] + 1, 0)
+    fit.failed[taken] = 0
+    fit.failed[refused] += 1
+    fit.ended |= (fit.small >= PATIENCE) | (fit.failed >= RETRIES)
+    return better
+
+
+def _steps(
+    H: ndarray, side: ndarray, corner: ndarray, g: ndarray, g0: ndarray, damping: ndarray, free: Bool[ndarray, " p"]
+) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K records n"]]:
+    """Return the damped Gauss-Newton steps; every record's x0 is eliminated first (the matrix is an arrow)."""
+    K, R, n = g0.shape
+    H, side, g = H[:, free][:, :, free], side[:, :, free], g[:, free]
+    scale, scale0 = _scale(np.einsum("kii->ki", H)), _scale(np.einsum("krii->kri", corner).reshape(K, -1)).reshape(K, R, n)
+    H = H * scale[:, :, None] * scale[:, None] + damping[:, None, None] * np.eye(H.shape[1])
+    side = side * scale[:, None, :, None] * scale0[:, :, None]
+    corner = corner * scale0[..., None] * scale0[:, :, None] + damping[:, None, None, None] * np.eye(n)
+    g, g0 = g * scale, g0 * scale0
+    inverse = np.linalg.inv(corner)
+    through = side @ inverse
+    reduced = H - (through @ np.swapaxes(side, 2, 3)).sum(1)
+    right = g - (through @ g0[..., None]).sum(1)[..., 0]
+    step = -np.linalg.solve(reduced, right[..., None])[..., 0]
+    first = -(inverse @ (g0[..., None] + np.swapaxes(side, 2, 3) @ step[:, None, :, None]))[..., 0]
+    full = np.zeros((K, len(free)))
+    full[:, free] = step * scale
+    return full, first * scale0
+
+
+def _scale(diagonal: Float[ndarray, "K p"]) -> Float[ndarray, "K p"]:
+    return 1 / np.sqrt(np.maximum(diagonal, 1e-8 * diagonal.max(1, keepdims=True) + 1e-300))

@@ -1,0 +1,165 @@
+"""Latent models that are stable by construction: every parameter gives a model with a proof, with P = I."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+KEPT = 1 - 1e-3  # of S, for Delta'Delta: what is left is the margin that survives rounding
+SLACK = 1e-4  # of |A|: the multiple of the unit matrix that A gives away
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Say how many states and neurons there are, which decay rate kappa is asked for, and the slack eps of A.
+
+    A parameter vector is (J below its diagonal, L, R, log M, log T, X).
+    """
+
+    n: int
+    q: int
+    kappa: float = 0.0
+    eps: float = 1e-6
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of entries of the six parts."""
+        n, q = self.n, self.q
+        return n * (n - 1) // 2, n * n, q * n, q, q, n * q
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return sum(self.sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class Proved:
+    """Hold K models with their multipliers; `valid` is False where the parameters give none (S is not positive)."""
+
+    A: Float[ndarray, "K n n"]
+    A1: Float[ndarray, "K n q"]
+    R: Float[ndarray, "K q n"]
+    M: Float[ndarray, "K q"]
+    T: Float[ndarray, "K q"]
+    valid: ndarray
+
+
+def proved(shape: Shape, v: Float[ndarray, "K p"]) -> tuple[Proved, Float[ndarray, "K p d"]]:
+    """Return the models of the parameters and the derivative of (A, A1, R) by every parameter.
+
+    With G = R R', J skew, M and T positive and diagonal,
+
+        S = 2 T + M G T + T G M + kappa M G M         Delta = X (1 + X'X)^(-1/2) chol(S)'   so that Delta'Delta < S
+        At = J - L L'/2 - eps      A = At - kappa/2      A1 = At R'M - R'T - L Delta - kappa/2 R'M
+
+    and the inequality of `StableFit` is, with K = L'R'M + Delta,
+
+        Z = (L, K')'(L, K')' + diag(0, S - Delta'Delta) + 2 eps (1, R'M)'(1, R'M) > 0.
+
+    Each line is followed by its differential, for all parameters at once (axis 1).
+    """
+    n, q, kappa, eye = shape.n, shape.q, shape.kappa, np.eye(shape.n)
+    (J, dJ), (L, dL), (R, dR), (logM, dlogM), (logT, dlogT), (X, dX) = _parts(shape, v)
+    M, T = np.exp(logM), np.exp(logT)
+    dM, dT = M[:, None] * dlogM, T[:, None] * dlogT
+    At = J - L @ _t(L) / 2 - shape.eps * eye
+    dAt = dJ - _twice_symmetric(dL @ _t(L)[:, None]) / 2
+    A, dA = At - kappa / 2 * eye, dAt
+    if not q:
+        empty = np.zeros((len(v), n, 0))
+        return Proved(A, empty, _t(empty), M, T, np.ones(len(v), bool)), dA.reshape(*v.shape, -1)
+
+    G, dG = R @ _t(R), _twice_symmetric(dR @ _t(R)[:, None])
+    # S = 2 T + Y + Y', Y = M G (T + kappa M / 2)
+    N, dN = T + kappa / 2 * M, dT + kappa / 2 * dM
+    S = 2 * _diagonal(T) + _twice_symmetric(M[..., None] * G * N[:, None])
+    dY = dM[..., None] * (G * N[:, None])[:, None] + M[:, None, :, None] * (dG * N[:, None, None] + G[:, None] * dN[:, :, None])
+    dS = 2 * _diagonal(dT) + _twice_symmetric(dY)
+    valid = np.isfinite(S).all((1, 2)) & np.isfinite(dS).all((1, 2, 3))
+    S = np.where(valid[:, None, None], S, np.eye(q))
+    valid &= np.linalg.eigvalsh(S)[:, 0] > 1e-12 * np.abs(S).max((1, 2))
+    S = np.where(valid[:, None, None], S, np.eye(q))
+
+    # chol: d(low) = low Phi(low^-1 dS low^-T), Phi the lower triangle with half of the diagonal
+    low = np.sqrt(KEPT) * np.linalg.cholesky(S)
+    inverse = np.linalg.inv(low)[:, None]
+    dlow = low[:, None] @ ((np.tril(np.ones((q, q))) - np.eye(q) / 2) * (inverse @ (KEPT * dS) @ _t(inverse)))
+    # Y^(-1/2) = V w^(-1/2) V': its differential is V (F * V' dY V) V', F the divided differences of w^(-1/2)
+    w, V = np.linalg.eigh(np.eye(q) + _t(X) @ X)
+    root = np.sqrt(w)
+    shrunk = (V / root[:, None]) @ _t(V)
+    F = -1 / (root[:, :, None] * root[:, None] * (root[:, :, None] + root[:, None]))
+    V4 = V[:, None]
+    dshrunk = V4 @ (F[:, None] * (_t(V4) @ _twice_symmetric(_t(dX) @ X[:, None]) @ V4)) @ _t(V4)
+    Delta = X @ shrunk @ _t(low)
+    dDelta = dX @ (shrunk @ _t(low))[:, None] + X[:, None] @ (dshrunk @ _t(low)[:, None] + shrunk[:, None] @ _t(dlow))
+
+    # A1 = (At - kappa/2) R'M - R'T - L Delta, for A = At - kappa/2
+    RM, dRM = _t(R) * M[:, None], _t(dR) * M[:, None, None] + _t(R)[:, None] * dM[:, :, None]
+    dRT = _t(dR) * T[:, None, None] + _t(R)[:, None] * dT[:, :, None]
+    A1 = A @ RM - _t(R) * T[:, None] - L @ Delta
+    dA1 = dA @ RM[:, None] + A[:, None] @ dRM - dRT - dL @ Delta[:, None] - L[:, None] @ dDelta
+    slopes = [np.broadcast_to(part, (*v.shape, *part.shape[2:])).reshape(*v.shape, -1) for part in (dA, dA1, dR)]
+    return Proved(A, A1, R, M, T, valid), np.concatenate(slopes, 2)
+
+
+def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n"]) -> Float[ndarray, " p"]:
+    """Return parameters of the linear model A (A + A' + kappa < 0) with neurons of no effect, A1 = 0.
+
+    T and M shrink until Delta = L^-1 (A R'M - R'T) fits below S, which it does in the end: Delta'Delta falls as T^2.
+
+    Raises:
+        ValueError: A + A' + kappa is not negative.
+    """
+    n, q, kappa = shape.n, shape.q, shape.kappa
+    w, V = np.linalg.eigh(-(A + A.T) - (kappa + 2 * shape.eps) * np.eye(n))
+    if w[0] <= 0:
+        raise ValueError("A + A' + kappa is not negative in these coordinates")
+    L, fast = (V * np.sqrt(w)) @ V.T, np.abs(np.linalg.eigvals(A)).max()
+    J, G, tau = (A - A.T) / 2, R @ R.T, 1.0
+    for _ in range(200):
+        T = np.full(q, tau)
+        M = 0.1 * T / fast
+        S = 2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + kappa * M[:, None] * G * M
+        Delta = np.linalg.solve(L, A @ (R.T * M) - R.T * T)
+        U = Delta @ np.linalg.inv(np.sqrt(KEPT) * np.linalg.cholesky(S).T)
+        if not q or np.linalg.norm(U, 2) < 0.7:
+            break
+        tau *= 0.7
+    w, V = np.linalg.eigh(np.eye(q) - U.T @ U)
+    X = U @ (V / np.sqrt(w)) @ V.T
+    return np.concatenate([J[np.tril_indices(n, -1)], L.ravel(), R.ravel(), np.log(M), np.log(T), X.ravel()])
+
+
+def _parts(shape: Shape, v: Float[ndarray, "K p"]) -> list[tuple[ndarray, ndarray]]:
+    """Return the six parts with their derivatives by the whole vector, which are constant."""
+    n, q, unit = shape.n, shape.q, np.eye(shape.size)
+    forms = (None, (n, n), (q, n), (q,), (q,), (n, q))
+    ends = np.cumsum(shape.sizes)[:-1]
+    found = []
+    for part, slopes, form in zip(np.split(v, ends, 1), np.split(unit, ends, 1), forms, strict=True):
+        both = (part, slopes)
+        pair = tuple(_skew(x, n) if form is None else x.reshape(len(x), *form) for x in both)
+        found.append((pair[0], pair[1][None]))
+    return found
+
+
+def _skew(below: Float[ndarray, "K p"], n: int) -> Float[ndarray, "K n n"]:
+    J = np.zeros((len(below), n, n))
+    i, j = np.tril_indices(n, -1)
+    J[:, i, j], J[:, j, i] = below, -below
+    return J
+
+
+def _t(matrix: ndarray) -> ndarray:
+    return np.swapaxes(matrix, -1, -2)
+
+
+def _twice_symmetric(matrix: ndarray) -> ndarray:
+    return matrix + _t(matrix)
+
+
+def _diagonal(entries: ndarray) -> ndarray:
+    return entries[..., None] * np.eye(entries.shape[-1])

@@ -1,0 +1,89 @@
+"""From a linear model to the points at which the nonlinear fits begin."""
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.linalg import solve_continuous_lyapunov
+
+from persid.identification.outputs.latent import Latent
+from persid.identification.outputs.least_squares import Batch, Free, Stable, theta_of
+from persid.identification.outputs.parametrisation import SLACK, Shape, parameters_of
+from persid.identification.outputs.subspace import Linear
+
+SHIFTS = 1.5  # beta is drawn from +- so many standard deviations of its argument
+
+
+def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
+    """Return a linear model as a batch of one without neurons."""
+    n = len(linear.A)
+    W = np.hstack([linear.A, linear.B])[None]
+    O = np.hstack([linear.C, linear.D, linear.d[:, None]])[None]  # noqa: E741
+    return Latent(W, np.zeros((1, n)), np.zeros((1, 0, n + 1)), O, linear.x0[None], "tanh", output_map)
+
+
+def stacked(latents: list[Latent]) -> Latent:
+    """Return one batch of several."""
+    parts = (np.concatenate([getattr(latent, name) for latent in latents]) for name in ("W", "b", "V", "O", "x0"))
+    return Latent(*parts, *latents[0].kind)
+
+
+def whitened(latent: Latent, states: Float[ndarray, "N n"]) -> Latent:
+    """Return one model in coordinates in which its own states have mean 0 and unit covariance."""
+    w, V = np.linalg.eigh(np.atleast_2d(np.cov(states.T)))
+    w = np.maximum(w, 1e-9 * w.max())
+    return latent.mapped((V / np.sqrt(w)) @ V.T, states.mean(0))
+
+
+def with_neurons(latent: Latent, q: int, seeds: list[int], effect: float, activation: str) -> Latent:
+    """Return a linear model with q random neurons, once for every seed: rows of length 1, effects of that size."""
+    n, found = latent.n, []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        R = rng.normal(size=(q, n))
+        R /= np.linalg.norm(R, axis=1, keepdims=True)
+        V = np.hstack([R, rng.uniform(-SHIFTS, SHIFTS, (q, 1))])[None]
+        A1 = effect * rng.normal(size=(1, n, q))
+        W = np.concatenate([latent.A, A1, latent.B], 2)
+        found.append(Latent(W, latent.b, V, latent.O, latent.x0, activation, latent.output_map))
+    return stacked(found)
+
+
+def free_batch(latent: Latent, feedthrough: bool) -> tuple[Free, Batch]:
+    """Return the free parametrisation and the point in it of a batch of models."""
+    n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
+    free = np.ones(theta_of(latent).shape[1], bool)
+    free[-l * (n + m + 1) :] = _outputs(n, m, l, feedthrough)
+    return Free(n, q, m, l, free), Batch(theta_of(latent), latent.x0.copy(), latent.b, *latent.kind)
+
+
+def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple[Stable, Batch, Latent]:
+    """Return the stable parametrisation, and the point of models with stable A, their neurons without effect.
+
+    Coordinates are those of the Lyapunov equation of A + kappa/2, in which A + A' + kappa is negative: for each model.
+
+    Raises:
+        ValueError: A is not stable, or slower than asked.
+    """
+    n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
+    mapped = stacked([_lyapunov_coordinates(latent[k : k + 1], kappa) for k in range(len(latent.W))])
+    shape = Shape(n, q, kappa, SLACK * float(min(np.abs(np.linalg.eigvals(A)).max() for A in latent.A)))
+    v = np.array([parameters_of(shape, A, R) for A, R in zip(mapped.A, mapped.R, strict=True)])
+    flat = [part.reshape(len(v), -1) for part in (mapped.B, mapped.V[:, :, -1], mapped.O)]
+    free = np.concatenate([np.ones(shape.size + n * m + q, bool), _outputs(n, m, l, feedthrough)])
+    batch = Batch(np.concatenate([v, *flat], 1), mapped.x0.copy(), mapped.b, *latent.kind)
+    return Stable(shape, m, l, free), batch, mapped
+
+
+def _lyapunov_coordinates(latent: Latent, kappa: float) -> Latent:
+    n = latent.n
+    A = latent.A[0] + kappa / 2 * np.eye(n)
+    if np.linalg.eigvals(A).real.max() >= 0:
+        raise ValueError("the linear model is not stable, or slower than the rate that is asked for")
+    P = solve_continuous_lyapunov(A.T, -np.eye(n))
+    return latent.mapped(np.linalg.cholesky(P * n / np.trace(P)).T, np.zeros(n))
+
+
+def _outputs(n: int, m: int, l: int, feedthrough: bool) -> ndarray:  # noqa: E741
+    rows = np.ones((l, n + m + 1), bool)
+    rows[:, n : n + m] = feedthrough
+    return rows.ravel()
