@@ -63,8 +63,8 @@ class Latent:
         return self.O[:, :, : self.n]
 
     def __getitem__(self, chosen: ndarray | slice) -> "Latent":
-        parts = (part[chosen] for part in (self.W, self.b, self.V, self.O, self.x0))
-        return Latent(*parts, self.activation, self.output_map)
+        W, b, V, O, x0 = (part[chosen] for part in (self.W, self.b, self.V, self.O, self.x0))  # noqa: E741
+        return Latent(W, b, V, O, x0, *self.kind)
 
     def mapped(self, T: Float[ndarray, "n n"], centre: Float[ndarray, " n"]) -> "Latent":
         """Return the same models with the state T (x - centre)."""

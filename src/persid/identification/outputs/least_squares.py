@@ -68,6 +68,12 @@ class Stable:
     l: int  # noqa: E741
     free: Bool[ndarray, " p"]
 
+    @property
+    def width(self) -> int:
+        """Number of entries of (W, V, O)."""
+        n, q, m = self.shape.n, self.shape.q, self.m
+        return n * (n + q + m) + q * (n + 1) + self.l * (n + m + 1)
+
     def proved(self, batch: Batch) -> Proved:
         """Return the models with their multipliers."""
         return proved(self.shape, batch.w[:, : self.shape.size])[0]
@@ -170,14 +176,10 @@ def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
             flow = np.nan_to_num(sensitivities.normal(latent, task.pieces, run, task.substeps).flow)
     cost, error, held, run, _ = evaluated(task, batch, task.ridge, run.start, flow, 30)
     zero = np.zeros(K, int)
-    return Fit(
-        batch, run.start, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost)
-    )
+    return Fit(batch, run.start, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost))
 
 
-def fitted(
-    task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None = None
-) -> Fit:
+def fitted(task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None = None) -> Fit:
     """Take Levenberg-Marquardt steps, at most so many for each model; `fit` is updated in place and returned."""
     fresh: dict[int, tuple] = {}
     for _ in range(steps):
@@ -210,12 +212,23 @@ def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple]) 
     H, g = D @ H @ np.swapaxes(D, 1, 2), (D @ g[..., None])[..., 0]
     side = D[:, None] @ found.side / count
     for i, k in enumerate(chosen):
-        fresh[int(k)] = (H[i], side[i], found.corner[i] / count, g[i], found.g0[i] / count, D[i], found.reach[i], found.own[i])
+        fresh[int(k)] = (
+            H[i],
+            side[i],
+            found.corner[i] / count,
+            g[i],
+            found.g0[i] / count,
+            D[i],
+            found.reach[i],
+            found.own[i],
+        )
 
 
 def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple]) -> Bool[ndarray, " active"]:
     """Try one damped step of every active model; return which of them were taken."""
-    H, side, corner, g, g0, D, reach, own = (np.array(part) for part in zip(*(fresh[int(k)] for k in active), strict=True))
+    H, side, corner, g, g0, D, reach, own = (
+        np.array(part) for part in zip(*(fresh[int(k)] for k in active), strict=True)
+    )
     dw, dx0 = _steps(H, side, corner, g, g0, fit.damping[active], task.parameters.free)
     batch = replace(fit.batch[active], w=fit.batch.w[active] + dw, x0=fit.batch.x0[active] + dx0)
     dtheta = (dw[:, None] @ D)[:, 0]
@@ -243,7 +256,10 @@ def _steps(
     """Return the damped Gauss-Newton steps; every record's x0 is eliminated first (the matrix is an arrow)."""
     K, R, n = g0.shape
     H, side, g = H[:, free][:, :, free], side[:, :, free], g[:, free]
-    scale, scale0 = _scale(np.einsum("kii->ki", H)), _scale(np.einsum("krii->kri", corner).reshape(K, -1)).reshape(K, R, n)
+    scale, scale0 = (
+        _scale(np.einsum("kii->ki", H)),
+        _scale(np.einsum("krii->kri", corner).reshape(K, -1)).reshape(K, R, n),
+    )
     H = H * scale[:, :, None] * scale[:, None] + damping[:, None, None] * np.eye(H.shape[1])
     side = side * scale[:, None, :, None] * scale0[:, :, None]
     corner = corner * scale0[..., None] * scale0[:, :, None] + damping[:, None, None, None] * np.eye(n)

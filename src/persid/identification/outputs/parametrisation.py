@@ -75,7 +75,9 @@ def proved(shape: Shape, v: Float[ndarray, "K p"]) -> tuple[Proved, Float[ndarra
     # S = 2 T + Y + Y', Y = M G (T + kappa M / 2)
     N, dN = T + kappa / 2 * M, dT + kappa / 2 * dM
     S = 2 * _diagonal(T) + _twice_symmetric(M[..., None] * G * N[:, None])
-    dY = dM[..., None] * (G * N[:, None])[:, None] + M[:, None, :, None] * (dG * N[:, None, None] + G[:, None] * dN[:, :, None])
+    dY = dM[..., None] * (G * N[:, None])[:, None] + M[:, None, :, None] * (
+        dG * N[:, None, None] + G[:, None] * dN[:, :, None]
+    )
     dS = 2 * _diagonal(dT) + _twice_symmetric(dY)
     valid = np.isfinite(S).all((1, 2)) & np.isfinite(dS).all((1, 2, 3))
     S = np.where(valid[:, None, None], S, np.eye(q))

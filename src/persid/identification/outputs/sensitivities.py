@@ -100,7 +100,7 @@ def simulated(
             gap[:, :, 1:] = (states[-1][:, :, :-1] - start[:, :, 1:]) * follows[1:]
             size = np.abs(gap).max((1, 2))
             size = np.where(np.isfinite(size), size, np.inf)
-            if not (JOINED < size).any() or not np.isfinite(size).any():
+            if not (size > JOINED).any() or not np.isfinite(size).any():
                 break
             start = np.clip(np.nan_to_num(start + _corrections(gap, flow, follows)), -HUGE, HUGE)
     bounded = np.abs(states).max((0, 2, 3)) < HUGE
@@ -134,17 +134,15 @@ def _joined(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: sli
     """Return the sums of some models: of blocks of pieces, then of all of them with their starts chained."""
     S = run.states.shape[-1]
     blocks = [_block(latent, pieces, run, substeps, models, slice(s, s + LANES)) for s in range(0, S, LANES)]
-    H, g = (sum(block[part] for block in blocks) for part in (0, 1))
+    H, g = (np.sum([block[part] for block in blocks], 0) for part in (0, 1))
     return _chained(pieces, H, g, *(np.concatenate([block[part] for block in blocks], -1) for part in range(2, 7)))
 
 
-def _block(
-    latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slice, part: slice
-) -> tuple[ndarray, ...]:
+def _block(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slice, part: slice) -> tuple[ndarray, ...]:
     """Return J'J, J'r of a block over (W, V, O), its blocks with every piece's start, the flows and the drifts."""
     u, rise, weight = pieces.u[..., part], pieces.rise[..., part], pieces.weight[:, part]
     states = run.states[:, models, :, part]
-    n, m, l, L = latent.n, latent.m, latent.O.shape[1], pieces.length
+    n, m, l, L = latent.n, latent.m, latent.O.shape[1], pieces.length  # noqa: E741
     K, S, d, p = len(latent.W), states.shape[-1], latent.W[0].size + latent.V[0].size, latent.O[0].size
     y, slope = mapped_output(latent, run.y[:, models, :, part])
     seen = np.broadcast_to(weight[:, None, None], y.shape) * (1.0 if slope is None else slope)
@@ -201,16 +199,18 @@ def _steps(
         stages.append((z, f, slope, np.broadcast_to(drive, (t, K, latent.m, S)), J))
     unit = np.broadcast_to(np.eye(n)[..., None], (t, K, n, n, S))
     M = h / 6 * unit
-    flow, drift_W, drift_V = unit, 0.0, 0.0
+    flow = unit
+    drift_W = np.zeros((t, K, n, n, n + q + latent.m, S))
+    drift_V = np.zeros((t, K, n, q, n + 1, S))
     for i in range(3, -1, -1):
         z, f, slope, drive, J = stages[i]
         MJ = np.einsum("tkias,tkajs->tkijs", M, J)
         flow = flow + MJ
         seen = np.concatenate([z, f, drive], 2)
-        drift_W = drift_W + M[:, :, :, :, None] * seen[:, :, None, None]
-        MA = (np.swapaxes(A1, 1, 2)[:, None] @ np.moveaxis(M, 3, 3)) * slope[:, :, None]
+        drift_W += M[:, :, :, :, None] * seen[:, :, None, None]
+        MA = (np.swapaxes(A1, 1, 2)[:, None] @ M) * slope[:, :, None]
         rows = np.concatenate([z, np.ones((t, K, 1, S))], 2)
-        drift_V = drift_V + MA[:, :, :, :, None] * rows[:, :, None, None]
+        drift_V += MA[:, :, :, :, None] * rows[:, :, None, None]
         if i:
             M = h * _PLACES[i - 1][1] * unit + h * _PLACES[i][0] * MJ
     drift = np.concatenate([drift_W.reshape(t, K, n, -1, S), drift_V.reshape(t, K, n, -1, S)], 3)
@@ -240,6 +240,10 @@ def _chained(
     cross = (side @ E).sum(0)
     H = H + cross + np.swapaxes(cross, 1, 2) + (np.swapaxes(E, 2, 3) @ CE).sum(0)
     g = g + (np.swapaxes(E, 2, 3) @ g0[..., None]).sum(0)[..., 0]
-    sums = (side @ F + np.swapaxes(CE, 2, 3) @ F, np.swapaxes(F, 2, 3) @ corner @ F, np.swapaxes(F, 2, 3) @ g0[..., None])
+    sums = (
+        side @ F + np.swapaxes(CE, 2, 3) @ F,
+        np.swapaxes(F, 2, 3) @ corner @ F,
+        np.swapaxes(F, 2, 3) @ g0[..., None],
+    )
     sides, corners, firsts = (np.moveaxis(np.add.reduceat(part, pieces.starts, 0), 0, 1) for part in sums)
     return H, sides, corners, g, firsts[..., 0], np.moveaxis(flow, 0, 1), np.moveaxis(E, 0, 1), np.moveaxis(F, 0, 1)

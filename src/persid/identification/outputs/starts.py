@@ -23,8 +23,9 @@ def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
 
 def stacked(latents: list[Latent]) -> Latent:
     """Return one batch of several."""
-    parts = (np.concatenate([getattr(latent, name) for latent in latents]) for name in ("W", "b", "V", "O", "x0"))
-    return Latent(*parts, *latents[0].kind)
+    names = ("W", "b", "V", "O", "x0")
+    W, b, V, O, x0 = (np.concatenate([getattr(latent, name) for latent in latents]) for name in names)  # noqa: E741
+    return Latent(W, b, V, O, x0, *latents[0].kind)
 
 
 def whitened(latent: Latent, states: Float[ndarray, "N n"]) -> Latent:

@@ -1,6 +1,6 @@
 """Linear starts: A and C by subspace methods, the rest by least squares on the simulation error."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from persid.identification.outputs.records import Record
 
-HORIZONS = (8, 15, 30, 60)  # samples into the past and the future
+HORIZONS = (4, 8, 15, 30, 60)  # samples into the past and the future
 STRIDES = (1, 4, 16)  # samples that are merged into one, where sampling is far faster than the system
 COLUMNS = 6000  # of the Hankel matrices, at most
 LARGEST = 0.9995  # modulus of a pole of a start
@@ -55,14 +55,15 @@ def _merged(record: Record, stride: int) -> Record:
 
 
 def _pairs(records: Sequence[Record], n: int, horizons: Sequence[int]) -> Iterator[tuple[ndarray, ndarray]]:
-    shortest, (m, l) = min(len(u) for u, _ in records), (part.shape[1] for part in records[0])  # noqa: E741
+    m, l = (part.shape[1] for part in records[0])  # noqa: E741
     for f in horizons:
-        if shortest < 4 * f or f * l <= n:
+        long = [record for record in records if len(record[0]) >= 4 * f]
+        if not long or f * l <= n:
             continue
         for method in (_past_inputs, _past_both, _predictor):
             if m or method is not _past_inputs:
                 try:
-                    yield method(records, n, f)
+                    yield method(long, n, f)
                 except np.linalg.LinAlgError:
                     continue
 
@@ -74,10 +75,12 @@ def _past_inputs(records: Sequence[Record], n: int, f: int) -> tuple[ndarray, nd
 
 def _past_both(records: Sequence[Record], n: int, f: int) -> tuple[ndarray, ndarray]:
     """PO-MOESP: past inputs and outputs as instruments."""
-    return _moesp(records, n, f, lambda u, y: np.hstack([u, y]))
+    return _moesp(records, n, f, lambda u, y: np.concatenate([u, y], 2))
 
 
-def _moesp(records: Sequence[Record], n: int, f: int, instrument: object) -> tuple[ndarray, ndarray]:
+def _moesp(
+    records: Sequence[Record], n: int, f: int, instrument: Callable[[ndarray, ndarray], ndarray]
+) -> tuple[ndarray, ndarray]:
     """Return A and C from the range of the extended observability matrix.
 
     In the triangular factor of (future u, 1; instruments; future y), the block of y by instruments holds what future
@@ -86,9 +89,10 @@ def _moesp(records: Sequence[Record], n: int, f: int, instrument: object) -> tup
     rows = []
     for u, y in records:
         first = np.arange(0, len(u) - 2 * f + 1, max(1, (len(u) - 2 * f + 1) * len(records) // COLUMNS))
-        past, future = (first[:, None] + offset + np.arange(f) for offset in (0, f))
-        flat = [part.reshape(len(first), -1) for part in (u[future], instrument(u[past], y[past]), y[future])]  # type: ignore[operator]
-        rows.append((np.hstack([flat[0], np.ones((len(first), 1))]), flat[1], flat[2]))
+        past, future = first[:, None] + np.arange(f), first[:, None] + f + np.arange(f)
+        known, later = instrument(u[past], y[past]), np.ones((len(first), 1))
+        inputs, outputs = u[future].reshape(len(first), -1), y[future].reshape(len(first), -1)
+        rows.append((np.hstack([inputs, later]), known.reshape(len(first), -1), outputs))
     U, Z, Y = (np.vstack(part) for part in zip(*rows, strict=True))
     triangle = np.linalg.qr(np.hstack([U, Z, Y]), mode="r")
     a, b = U.shape[1], U.shape[1] + Z.shape[1]
@@ -114,8 +118,9 @@ def _predictor(records: Sequence[Record], n: int, f: int) -> tuple[ndarray, ndar
     Gamma = np.zeros((f * l, Z.shape[1]))
     for i in range(f):
         Gamma[i * l : (i + 1) * l, : (f - i) * width] = weights[:, i * width : f * width]
-    _, size, right = np.linalg.svd(Gamma @ (np.linalg.cholesky(_lifted(Z.T @ Z))), full_matrices=False)
-    basis = np.linalg.lstsq(np.linalg.cholesky(_lifted(Z.T @ Z)).T, right[:n].T)[0]
+    low = np.linalg.cholesky(_lifted(Z.T @ Z))
+    right = np.linalg.svd(Gamma @ low, full_matrices=False)[2]
+    basis = np.linalg.solve(low.T, right[:n].T)
     X = [past @ basis for past in pasts]
     A_C = []
     states, inputs = np.vstack(X), np.hstack([U, np.ones((len(U), 1))])
@@ -155,7 +160,7 @@ def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequ
     """
     w, V = np.linalg.eig(A)
     back, (m, l), n = np.linalg.inv(V), (part.shape[1] for part in records[0]), len(A)  # noqa: E741
-    gram, right, total, count = 0.0, 0.0, 0.0, 0
+    sums: list[tuple[ndarray, ndarray, float, int]] = []
     for r, (u, y) in enumerate(records):
         columns = _responses(w, V, back, C, u)
         first = np.zeros((*y.shape, len(records), n))
@@ -163,8 +168,9 @@ def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequ
         through_columns = np.einsum("km,il->kiml", u, np.eye(l)).reshape(*y.shape, -1)[:, :, : m * l * through]
         ones = np.broadcast_to(np.eye(l), (len(u), l, l))
         J = np.concatenate([columns, through_columns, ones, first.reshape(*y.shape, -1)], 2).reshape(y.size, -1)
-        gram, right = gram + J.T @ J, right + J.T @ y.ravel()
-        total, count = total + float((y**2).sum()), count + y.size
+        sums.append((J.T @ J, J.T @ y.ravel(), float((y**2).sum()), y.size))
+    gram, right = np.sum([part[0] for part in sums], 0), np.sum([part[1] for part in sums], 0)
+    total, count = sum(part[2] for part in sums), sum(part[3] for part in sums)
     scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * scale[:, None] * scale
     theta = scale * np.linalg.solve(scaled + RIDGE * np.eye(len(scaled)), scale * right)
@@ -180,5 +186,7 @@ def _responses(
 ) -> Float[ndarray, "N l n*m"]:
     """Return the derivatives of the outputs by every entry of B."""
     pole = np.exp(w)
+    if not u.shape[1]:
+        return np.zeros((len(u), len(C), 0))
     filtered = [lfilter([0.0, gain], [1.0, -z], u, axis=0) for z, gain in zip(pole, (pole - 1) / w, strict=True)]
     return np.einsum("lr,ri,rkj->klij", C @ V, back, np.array(filtered)).real.reshape(len(u), len(C), -1)

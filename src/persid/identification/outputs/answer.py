@@ -1,0 +1,261 @@
+"""From records to a fitted model in the user's units, with the multipliers of its proof."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from persid.errors import DataError
+from persid.identification.outputs import least_squares, selection
+from persid.identification.outputs.least_squares import Fit, Stable, Task
+from persid.identification.outputs.records import Pieces, Record, Scales
+from persid.identification.outputs.selection import BETTER, Candidate, Group, LinearFit, Question, Winner
+from persid.models.stable_fit import StableFit
+
+Tell = Callable[[str, float], None]
+FEWER = 100.0  # by which a ridge is weakened where that helps
+FINAL_STEPS, FINAL_WORK = 100, 3_000_000  # steps on all data, and samples times steps
+GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
+REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
+UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Hold the fit that is delivered, every candidate, the errors of linear and free models, and remarks.
+
+    Errors are root-mean-square in standard units (1 is the spread of the outputs), on the held-out part of the records.
+    """
+
+    fit: StableFit
+    candidate: Candidate
+    candidates: tuple[Candidate, ...]
+    linear: float
+    error: float
+    remarks: tuple[str, ...] = ()
+    interrupted: bool = False
+
+
+def answered(
+    records: Sequence[Record], dt: float, question: Question, tell: Tell = lambda stage, error: None
+) -> Answer:
+    """Choose a model by held-out free runs, and fit it to all data.
+
+    An interrupt (Ctrl-C) ends the search: the best model so far is delivered, and the answer says so.
+
+    Raises:
+        DataError: the records are too short, or constant.
+    """
+    _checked(records, question)
+    scales = Scales.of(records, centred=question.output_map is None)
+    standard = [scales.standardised(record) for record in records]
+    part = selection.selected_part(standard)
+    pieces = Pieces.of(part, question.hold, kept=selection.KEPT)
+    linear = selection.linear_fits(part, pieces, question)
+    search = _Search(pieces, part, question, tell)
+    interrupted = False
+    try:
+        search.run(linear)
+    except KeyboardInterrupt:
+        if not search.groups:
+            raise
+        interrupted = True
+    winner, remarks = search.winner(), search.remarks
+    if not interrupted:
+        winner = _on_all(winner, standard, question, tell)
+    fit, error = _delivered(winner, standard, scales, dt, question)
+    least = min(one.held_out for one in linear)
+    return Answer(fit, winner.candidate, tuple(search.table), least, error, tuple(remarks), interrupted)
+
+
+def _checked(records: Sequence[Record], question: Question) -> None:
+    u, y = (np.concatenate([record[side] for record in records]) for side in (0, 1))
+    for k, column in enumerate(y.T):
+        if np.ptp(column) == 0:
+            raise DataError(f"output {k + 1} is constant ({column[0]:g}) in all records; there is nothing to learn of it")
+    n, q, m, l = question.order or 1, question.neurons or 0, u.shape[1], y.shape[1]  # noqa: E741
+    unknown = n * n + 2 * n * q + q + n * m + l * (n + 1) + n * len(records)
+    fitted = int(selection.KEPT * y.size)
+    if fitted < unknown:
+        raise DataError(
+            f"{y.size} measured values, of which {fitted} are fitted, cannot tell the {unknown} numbers of a model of "
+            f"order {n} with {q} neurons; give more samples, or a smaller order or fewer neurons"
+        )
+
+
+class _Search:
+    """The search over orders, neurons, ridges, seeds and feedthrough; what it found stays when it is interrupted."""
+
+    def __init__(self, pieces: Pieces, part: list[Record], question: Question, tell: Tell) -> None:
+        self.pieces, self.part, self.question, self.tell = pieces, part, question, tell
+        self.groups: list[Group] = []
+        self.remarks: list[str] = []
+
+    @property
+    def table(self) -> list[Candidate]:
+        """All candidates, the best first."""
+        return [candidate for candidate, _, _ in selection.ranked(self.groups)]
+
+    def run(self, linear: Sequence[LinearFit]) -> None:
+        """Race the candidates of the best orders, then try more states, feedthrough and a weaker ridge."""
+        first = selection.best_order(linear)
+        chosen = [one for one in linear if one.latent.n in (first, first + 1)]
+        self._race([self._stable(one) for one in chosen], self._sizes())
+        while self.question.order is None and self._climbs(linear):
+            pass
+        best, group, k = selection.ranked(self.groups)[0]
+        for _ in range(2):
+            if best.neurons:
+                weaker = self._again(group, k, FEWER, group.feedthrough)
+                if not weaker.fit.held_out[0] < BETTER * best.held_out:
+                    break
+                best, group, k = weaker.candidates()[0]
+
+    def winner(self) -> Winner:
+        """Return the best candidate; a linear one where neurons do not help."""
+        ranking = selection.ranked(self.groups)
+        least = ranking[0][0].held_out
+        for candidate, group, k in ranking:
+            if not candidate.neurons and BETTER * candidate.held_out <= least:
+                return selection.winner_of(group, k)
+        return selection.winner_of(*ranking[0][1:])
+
+    def _sizes(self) -> tuple[int, ...]:
+        if self.question.neurons is not None:
+            return (self.question.neurons,)
+        values = self.pieces.values
+        return (0, *(q for q in selection.SIZES if 20 * q < values))
+
+    def _stable(self, linear: LinearFit) -> LinearFit:
+        if not self.question.certified:
+            return linear
+        moved = selection.stabilised(linear, self.pieces, self.question)
+        if linear.held_out < UNSTABLE * moved.held_out and linear.slowest > 0:
+            self.remarks.append(
+                f"the best linear model of order {linear.latent.n} is unstable (a pole at {linear.slowest:+.3g} per "
+                f"sample) and foretells the held-out part {moved.held_out / linear.held_out:.1f} times better than the best stable one"
+            )
+        return moved
+
+    def _race(self, linear: Sequence[LinearFit], sizes: Sequence[int], ridges: Sequence[float] = ()) -> None:
+        groups = [
+            selection.group_of(one, q, self.question, self.pieces, ridges or self.question.ridges)
+            for one in linear
+            for q in sizes
+        ]
+        self.groups += groups
+        for ranking in selection.raced(groups, lambda error: self.tell("search", error)):
+            alive = [(group, k) for _, group, k in ranking if not group.fit.ended[k]]
+            if len(ranking) and self.question.feedthrough is None and len(alive) <= selection.RUNGS[1][1]:
+                best = ranking[0]
+                if self.pieces.u.shape[1] and not best[1].feedthrough:
+                    self._try_feedthrough(groups, [(group, k) for _, group, k in ranking[: selection.RUNGS[1][1]]])
+
+    def _try_feedthrough(self, groups: list[Group], survivors: list[tuple[Group, int]]) -> None:
+        """Go on with D free as well."""
+        for group in [group for group in groups if not group.feedthrough]:
+            chosen = [k for one, k in survivors if one is group]
+            if chosen:
+                more = selection.with_feedthrough(group, chosen)
+                groups.append(more)
+                self.groups.append(more)
+
+    def _climbs(self, linear: Sequence[LinearFit]) -> bool:
+        """Try one state more than the best candidate has, if that is the largest order tried; whether it was better."""
+        best, group, _ = selection.ranked(self.groups)[0]
+        n = best.order + 1
+        if n > selection.ORDERS or any(one.order >= n for one in self.groups):
+            return False
+        found = next((one for one in linear if one.latent.n == n), None)
+        try:
+            found = found or selection.linear_fit(self.part, self.pieces, n, self.question)
+        except DataError:
+            return False
+        asked = replace(self.question, feedthrough=group.feedthrough or self.question.feedthrough)
+        self.question, kept = asked, self.question
+        self._race([self._stable(found)], [best.neurons], [best.ridge] if best.neurons else ())
+        self.question = kept
+        return bool(selection.ranked(self.groups)[0][0].held_out < BETTER * best.held_out)
+
+    def _again(self, group: Group, k: int, weaker: float, feedthrough: bool) -> Group:
+        """Return a candidate, fitted on with a weaker ridge."""
+        one = slice(k, k + 1)
+        task = replace(group.task, ridge=group.task.ridge[one] / weaker)
+        fit = least_squares.begun(task, group.fit.batch[one])
+        more = Group(group.neurons, feedthrough, group.ridges[one] / weaker, group.seeds[one], task, fit)
+        self.groups.append(more)
+        least_squares.fitted(task, fit, selection.RUNGS[1][0], lambda fit: self.tell("ridge", float(fit.held_out[0])))
+        return more
+
+
+def _on_all(winner: Winner, standard: Sequence[Record], question: Question, tell: Tell) -> Winner:
+    """Return the winner fitted to all samples, in stages, with substeps as short as the model needs."""
+    total, size = sum(len(u) for u, _ in standard), selection.SELECTED
+    while True:
+        size = min(size * GROWTH, total) if size < total else total
+        part = selection.selected_part(standard, size)
+        pieces = Pieces.of(part, question.hold)
+        steps = int(np.clip(FINAL_WORK / size, 10, FINAL_STEPS))
+        winner = _refitted(winner, pieces, steps, tell)
+        if size >= total:
+            return winner
+
+
+def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell) -> Winner:
+    task = Task(pieces, winner.parameters, selection.ridge_of(winner.latent, np.array([winner.ridge])), winner.substeps)
+    fit = least_squares.begun(task, winner.batch)
+    if fit.ended[0]:
+        return winner
+    least_squares.fitted(task, fit, steps, lambda fit: tell("all data", float(fit.error[0])))
+    while task.substeps < selection.FINEST:
+        finer = replace(task, substeps=2 * task.substeps)
+        check = least_squares.begun(finer, fit.batch)
+        if check.error[0] <= REFINED * fit.error[0]:
+            break
+        task, fit = finer, least_squares.fitted(finer, check, steps // 2)
+    return replace(winner, batch=fit.batch, substeps=task.substeps)
+
+
+def _delivered(
+    winner: Winner, standard: Sequence[Record], scales: Scales, dt: float, question: Question
+) -> tuple[StableFit, float]:
+    """Return the fit in the user's units, and its error on all data in standard units.
+
+    A sample takes dt seconds: rates are divided by it. Inputs and outputs are scaled back; states keep their
+    coordinates, in which P = I, and so do the rows and shifts of the neurons.
+    """
+    pieces = Pieces.of(standard, question.hold)
+    task = Task(pieces, winner.parameters, np.zeros((1, 1)), winner.substeps)
+    task = replace(task, ridge=np.zeros_like(least_squares.theta_of(winner.latent)))
+    fit: Fit = least_squares.begun(task, winner.batch)
+    latent, run = winner.latent, least_squares.evaluated(task, winner.batch, task.ridge, fit.start, fit.flow)[3]
+    seen = pieces.weight > 0
+    x = np.moveaxis(run.states[: -1 : task.substeps, 0], 1, 2)[seen]
+    gap = least_squares.sensitivities.mapped_output(latent, run.y)[0][:, 0] - pieces.y
+    noise = np.sqrt((np.moveaxis(gap, 1, 2)[seen] ** 2).mean(0)) * scales.y_scale
+    n, m = latent.n, latent.m
+    proof = winner.parameters.proved(winner.batch) if isinstance(winner.parameters, Stable) else None
+    rows = latent.O[0] * scales.y_scale[:, None]
+    return StableFit(
+        A=latent.A[0] / dt,
+        R=latent.R[0].copy(),
+        beta=latent.V[0, :, n].copy(),
+        A1=latent.A1[0] / dt,
+        B=latent.B[0] / scales.u_scale / dt,
+        b=latent.b[0] / dt,
+        C=rows[:, :n].copy(),
+        D=rows[:, n : n + m] / scales.u_scale,
+        d=rows[:, -1] + scales.y_mean,
+        u_ref=scales.u_mean.copy(),
+        x0=winner.batch.x0[0].copy(),
+        x_mean=x.mean(0),
+        x_cov=np.atleast_2d(np.cov(x.T)),
+        noise=noise,
+        dt=dt,
+        activation=question.activation,
+        output_map=question.output_map,
+        hold=question.hold,
+        M=None if proof is None else proof.M[0],
+        T=None if proof is None else proof.T[0] / dt,
+        kappa=0.0 if proof is None else winner.parameters.shape.kappa / dt,  # type: ignore[attr-defined]
+    ), float(fit.error[0])

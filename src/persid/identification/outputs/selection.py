@@ -1,0 +1,263 @@
+"""Choose order, neurons, ridge, feedthrough and seed by free runs on the last part of every record, held out."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.errors import DataError
+from persid.identification.outputs import least_squares, starts
+from persid.identification.outputs.latent import Latent
+from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Stable, Task
+from persid.identification.outputs.records import Pieces, Record
+from persid.identification.outputs.subspace import linear_starts
+
+KEPT = 0.75  # of every record is fitted while choosing
+SELECTED = 6000  # samples on which choices are made, at most
+LINEAR_STARTS, LINEAR_STEPS = 3, 60
+ORDERS = 6  # tried at most
+BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
+RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
+RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
+SIZES = (2, 4, 8)  # numbers of neurons
+LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here
+FINE = 1.0  # |pole| times a substep, at most
+FINEST = 8  # substeps a sample
+
+
+@dataclass(frozen=True)
+class Question:
+    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample."""
+
+    order: int | None = None
+    neurons: int | None = None
+    feedthrough: bool | None = None
+    activation: str = "tanh"
+    output_map: str | None = None
+    hold: str = "zoh"
+    certified: bool = True
+    kappa: float = 0.0
+    ridges: tuple[float, ...] = RIDGES
+    seeds: tuple[int, ...] = (0, 1, 2)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Report one candidate: what it is, and its errors in standard units, fitted and held out."""
+
+    order: int
+    neurons: int
+    feedthrough: bool
+    ridge: float
+    seed: int
+    error: float
+    held_out: float
+    steps: int
+
+
+@dataclass(eq=False)
+class Group:
+    """Hold candidates of one size, which are fitted together."""
+
+    neurons: int
+    feedthrough: bool
+    ridges: Float[ndarray, " K"]
+    seeds: tuple[int, ...]
+    task: Task
+    fit: Fit
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return self.fit.batch.x0.shape[2]
+
+    def candidates(self) -> list[tuple[Candidate, "Group", int]]:
+        """Return the candidates with their places."""
+        found = zip(self.ridges, self.seeds, self.fit.error, self.fit.held_out, strict=True)
+        return [
+            (Candidate(self.order, self.neurons, self.feedthrough, *map(float, part), self.fit.steps), self, k)  # type: ignore[arg-type]
+            for k, part in enumerate(found)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Winner:
+    """Hold one fitted point with its parametrisation, and how its ridge and substeps were chosen."""
+
+    parameters: Parameters
+    batch: Batch
+    ridge: float
+    substeps: int
+    candidate: Candidate
+
+    @property
+    def latent(self) -> Latent:
+        """The model, a batch of one."""
+        return self.parameters.latent(self.batch)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Hold the best linear model of an order, and its errors."""
+
+    latent: Latent
+    error: float
+    held_out: float
+    start: Float[ndarray, "K n S"]
+
+    @property
+    def slowest(self) -> float:
+        """Largest real part of a pole, per sample."""
+        return float(np.linalg.eigvals(self.latent.A[0]).real.max())
+
+
+def selected_part(records: Sequence[Record], most: int = SELECTED) -> list[Record]:
+    """Return the first samples of the records, about `most` together, in shares of their lengths."""
+    total = sum(len(u) for u, _ in records)
+    share = min(1.0, most / total)
+    return [(u[: ceil(share * len(u))], y[: ceil(share * len(u))]) for u, y in records]
+
+
+def linear_fit(records: Sequence[Record], pieces: Pieces, n: int, question: Question, kept: float = KEPT) -> LinearFit:
+    """Return the best linear model of order n by output error, from several subspace starts.
+
+    Raises:
+        DataError: the records are too short for the order.
+    """
+    through = bool(question.feedthrough)
+    head = [(u[: round(kept * len(u))], y[: round(kept * len(u))]) for u, y in records]
+    found = linear_starts(head, n, through)[:LINEAR_STARTS]
+    if not found:
+        longest = max(len(u) for u, _ in records)
+        raise DataError(
+            f"the longest record has {longest} samples, too few for a model of order {n}; "
+            "give longer records or a smaller order"
+        )
+    latent = starts.stacked([starts.latent_of(linear, question.output_map) for linear in found])
+    parameters, batch = starts.free_batch(latent, through)
+    task = Task(pieces, parameters, np.zeros(batch.w.shape), substeps_for(latent))
+    fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
+    best = int(np.argmin(fit.cost))
+    if not np.isfinite(fit.cost[best]):
+        raise DataError(f"no linear model of order {n} follows the records; look at their scales and sampling time")
+    one = slice(best, best + 1)
+    return LinearFit(parameters.latent(fit.batch[one])[0], float(fit.error[best]), float(fit.held_out[best]), fit.start[one])
+
+
+def substeps_for(latent: Latent) -> int:
+    """Return the Runge-Kutta steps a sample that the fastest pole needs."""
+    fastest = max(np.abs(np.linalg.eigvals(A)).max() for A in latent.A)
+    return int(np.clip(ceil(fastest / FINE), 2, FINEST))
+
+
+def linear_fits(records: Sequence[Record], pieces: Pieces, question: Question) -> list[LinearFit]:
+    """Return linear models of the order that is asked for, or of orders 1, 2, … until more states do not help."""
+    if question.order is not None:
+        return [linear_fit(records, pieces, question.order, question)]
+    found: list[LinearFit] = []
+    for n in range(1, ORDERS + 1):
+        try:
+            found.append(linear_fit(records, pieces, n, question))
+        except DataError:
+            if not found:
+                raise
+            break
+        if n - best_order(found) >= 2:
+            break
+    return found
+
+
+def best_order(found: Sequence[LinearFit]) -> int:
+    """Return the smallest order whose held-out error cannot be lowered notably by more states."""
+    least = min(fit.held_out for fit in found)
+    return next(fit.latent.n for fit in found if BETTER * fit.held_out <= least)
+
+
+def stabilised(linear: LinearFit, pieces: Pieces, question: Question) -> LinearFit:
+    """Return a stable model near a linear one: poles moved to the left, then refitted under stability."""
+    w, V = np.linalg.eig(linear.latent.A[0])
+    bound = -LEAST_DECAY - question.kappa / 2
+    if w.real.max() <= bound:
+        return linear
+    A = (V @ np.diag(np.minimum(w.real, bound) + 1j * w.imag) @ np.linalg.inv(V)).real
+    W = linear.latent.W.copy()
+    W[0, :, : len(A)] = A
+    moved = replace(linear.latent, W=W)
+    parameters, batch, _ = starts.stable_batch(moved, bool(question.feedthrough), question.kappa)
+    task = Task(pieces, parameters, np.zeros((1, parameters.width)), substeps_for(moved))
+    fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
+    return LinearFit(parameters.latent(fit.batch)[0], float(fit.error[0]), float(fit.held_out[0]), fit.start)
+
+
+def group_of(linear: LinearFit, q: int, question: Question, pieces: Pieces, ridges: Sequence[float]) -> Group:
+    """Return candidates with q neurons, one for every ridge and seed, before their first step."""
+    pairs = [(ridge, seed) for ridge in ridges for seed in question.seeds] if q else [(0.0, 0)]
+    white = starts.whitened(linear.latent, run_states(linear, pieces))
+    effect = 0.0 if question.certified else 0.01
+    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation)
+    through = bool(question.feedthrough)
+    if question.certified:
+        parameters, batch, _ = starts.stable_batch(latent, through, question.kappa)
+    else:
+        parameters, batch = starts.free_batch(latent, through)
+    weights = np.array([ridge for ridge, _ in pairs])
+    task = Task(pieces, parameters, ridge_of(latent, weights * linear.error**2), substeps_for(latent))
+    return Group(q, through, weights, tuple(seed for _, seed in pairs), task, least_squares.begun(task, batch))
+
+
+def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
+    """Return the ridge: it acts on A1 and R."""
+    W, V, O = (np.zeros_like(part[:1]) for part in (latent.W, latent.V, latent.O))  # noqa: E741
+    W[:, :, latent.n : latent.n + latent.q] = 1.0
+    V[:, :, :-1] = 1.0
+    return weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)])
+
+
+def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
+    """Return the states of a model along all samples."""
+    latent, n, S = linear.latent, linear.latent.n, len(pieces.record)
+    flow = np.zeros((1, S, n, n))
+    run = least_squares.sensitivities.simulated(latent, pieces, linear.start, flow, 2, 1)
+    return np.moveaxis(run.states[:-1:2, 0], 1, 2)[(pieces.weight + pieces.held) > 0]
+
+
+def raced(groups: list[Group], tell: Callable[[float], None]) -> Iterator[list[tuple[Candidate, Group, int]]]:
+    """Fit all candidates for some steps, go on with the best, and so on; yield the ranking after each round."""
+    for steps, survivors in RUNGS:
+        for group in groups:
+            least_squares.fitted(group.task, group.fit, steps, lambda fit: tell(float(np.nanmin(fit.held_out))))
+        ranking = ranked(groups)
+        for _, group, k in ranking[survivors:]:
+            group.fit.ended[k] = True
+        yield ranking
+
+
+def ranked(groups: Sequence[Group]) -> list[tuple[Candidate, Group, int]]:
+    """Return all candidates, the smallest held-out error first."""
+    return sorted((one for group in groups for one in group.candidates()), key=lambda one: one[0].held_out)
+
+
+def with_feedthrough(group: Group, chosen: Sequence[int]) -> Group:
+    """Return some candidates of a group once more, D being free."""
+    parameters, picked = group.task.parameters, np.array(chosen)
+    n, m, l = group.order, group.task.pieces.u.shape[1], group.task.pieces.y.shape[1]  # noqa: E741
+    free = parameters.free.copy()
+    free[-l * (n + m + 1) :] = True
+    task = replace(group.task, parameters=replace(parameters, free=free), ridge=group.task.ridge[picked])  # type: ignore[type-var]
+    fit = least_squares.begun(task, group.fit.batch[picked])
+    return Group(group.neurons, True, group.ridges[picked], tuple(group.seeds[k] for k in chosen), task, fit)
+
+
+def winner_of(group: Group, k: int) -> Winner:
+    """Return one candidate of a group."""
+    candidate = group.candidates()[k][0]
+    one = slice(k, k + 1)
+    return Winner(group.task.parameters, group.fit.batch[one], float(group.task.ridge[k].max(initial=0.0)), group.task.substeps, candidate)
+
+
+def is_stable_parametrisation(winner: Winner) -> bool:
+    """Return whether a point carries multipliers of its own."""
+    return isinstance(winner.parameters, Stable)
