@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from persid.errors import DataError
-from persid.identification.outputs import least_squares, selection
+from persid.identification.outputs import least_squares, selection, sensitivities
 from persid.identification.outputs.least_squares import Fit, Stable, Task
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.selection import BETTER, Candidate, Group, LinearFit, Question, Winner
@@ -72,7 +72,9 @@ def _checked(records: Sequence[Record], question: Question) -> None:
     u, y = (np.concatenate([record[side] for record in records]) for side in (0, 1))
     for k, column in enumerate(y.T):
         if np.ptp(column) == 0:
-            raise DataError(f"output {k + 1} is constant ({column[0]:g}) in all records; there is nothing to learn of it")
+            raise DataError(
+                f"output {k + 1} is constant ({column[0]:g}) in all records; there is nothing to learn of it"
+            )
     n, q, m, l = question.order or 1, question.neurons or 0, u.shape[1], y.shape[1]  # noqa: E741
     unknown = n * n + 2 * n * q + q + n * m + l * (n + 1) + n * len(records)
     fitted = int(selection.KEPT * y.size)
@@ -131,9 +133,10 @@ class _Search:
             return linear
         moved = selection.stabilised(linear, self.pieces, self.question)
         if linear.held_out < UNSTABLE * moved.held_out and linear.slowest > 0:
+            pole, ratio = linear.slowest, moved.held_out / linear.held_out
             self.remarks.append(
-                f"the best linear model of order {linear.latent.n} is unstable (a pole at {linear.slowest:+.3g} per "
-                f"sample) and foretells the held-out part {moved.held_out / linear.held_out:.1f} times better than the best stable one"
+                f"the best linear model of order {linear.latent.n} is unstable (a pole at {pole:+.3g} per sample) and "
+                f"foretells the held-out part {ratio:.1f} times better than the best stable one"
             )
         return moved
 
@@ -144,12 +147,13 @@ class _Search:
             for q in sizes
         ]
         self.groups += groups
-        for ranking in selection.raced(groups, lambda error: self.tell("search", error)):
-            alive = [(group, k) for _, group, k in ranking if not group.fit.ended[k]]
-            if len(ranking) and self.question.feedthrough is None and len(alive) <= selection.RUNGS[1][1]:
-                best = ranking[0]
-                if self.pieces.u.shape[1] and not best[1].feedthrough:
-                    self._try_feedthrough(groups, [(group, k) for _, group, k in ranking[: selection.RUNGS[1][1]]])
+        for left, ranking in selection.raced(groups, lambda error: self.tell("search", error)):
+            if (
+                left == selection.TRIED_WITH_FEEDTHROUGH
+                and self.question.feedthrough is None
+                and self.pieces.u.shape[1]
+            ):
+                self._try_feedthrough(groups, [(group, k) for _, group, k in ranking[:left]])
 
     def _try_feedthrough(self, groups: list[Group], survivors: list[tuple[Group, int]]) -> None:
         """Go on with D free as well."""
@@ -231,7 +235,7 @@ def _delivered(
     latent, run = winner.latent, least_squares.evaluated(task, winner.batch, task.ridge, fit.start, fit.flow)[3]
     seen = pieces.weight > 0
     x = np.moveaxis(run.states[: -1 : task.substeps, 0], 1, 2)[seen]
-    gap = least_squares.sensitivities.mapped_output(latent, run.y)[0][:, 0] - pieces.y
+    gap = sensitivities.mapped_output(latent, run.y)[0][:, 0] - pieces.y
     noise = np.sqrt((np.moveaxis(gap, 1, 2)[seen] ** 2).mean(0)) * scales.y_scale
     n, m = latent.n, latent.m
     proof = winner.parameters.proved(winner.batch) if isinstance(winner.parameters, Stable) else None
@@ -257,5 +261,5 @@ def _delivered(
         hold=question.hold,
         M=None if proof is None else proof.M[0],
         T=None if proof is None else proof.T[0] / dt,
-        kappa=0.0 if proof is None else winner.parameters.shape.kappa / dt,  # type: ignore[attr-defined]
+        kappa=question.kappa / dt if proof is not None else 0.0,
     ), float(fit.error[0])

@@ -35,7 +35,9 @@ class Batch:
 class Parameters(Protocol):
     """Say how parameters w become latent models."""
 
-    free: Bool[ndarray, " p"]
+    @property
+    def free(self) -> Bool[ndarray, " p"]:
+        """Which entries of w may move."""
 
     def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
         """Return the models, the derivative of (W, V, O) by w, and whether each is valid."""
@@ -181,7 +183,7 @@ def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
 
 def fitted(task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None = None) -> Fit:
     """Take Levenberg-Marquardt steps, at most so many for each model; `fit` is updated in place and returned."""
-    fresh: dict[int, tuple] = {}
+    fresh: dict[int, tuple[ndarray, ...]] = {}
     for _ in range(steps):
         active = np.flatnonzero(~fit.ended)
         if not len(active):
@@ -196,7 +198,7 @@ def fitted(task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None 
     return fit
 
 
-def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple]) -> None:
+def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple[ndarray, ...]]) -> None:
     """Compute the normal equations in w of the chosen models."""
     if not len(chosen):
         return
@@ -224,7 +226,7 @@ def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple]) 
         )
 
 
-def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple]) -> Bool[ndarray, " active"]:
+def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray, ...]]) -> Bool[ndarray, " active"]:
     """Try one damped step of every active model; return which of them were taken."""
     H, side, corner, g, g0, D, reach, own = (
         np.array(part) for part in zip(*(fresh[int(k)] for k in active), strict=True)

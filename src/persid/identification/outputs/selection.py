@@ -9,18 +9,19 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
-from persid.identification.outputs import least_squares, starts
+from persid.identification.outputs import least_squares, sensitivities, starts
 from persid.identification.outputs.latent import Latent
-from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Stable, Task
+from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Task
 from persid.identification.outputs.records import Pieces, Record
 from persid.identification.outputs.subspace import linear_starts
 
 KEPT = 0.75  # of every record is fitted while choosing
-SELECTED = 6000  # samples on which choices are made, at most
+SELECTED = 4000  # samples on which choices are made, at most
 LINEAR_STARTS, LINEAR_STEPS = 3, 60
 ORDERS = 6  # tried at most
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
+TRIED_WITH_FEEDTHROUGH = 4  # as many as then go on are tried with D free as well
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = (2, 4, 8)  # numbers of neurons
 LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here
@@ -76,10 +77,11 @@ class Group:
 
     def candidates(self) -> list[tuple[Candidate, "Group", int]]:
         """Return the candidates with their places."""
+        steps = self.fit.steps
         found = zip(self.ridges, self.seeds, self.fit.error, self.fit.held_out, strict=True)
         return [
-            (Candidate(self.order, self.neurons, self.feedthrough, *map(float, part), self.fit.steps), self, k)  # type: ignore[arg-type]
-            for k, part in enumerate(found)
+            (Candidate(self.order, self.neurons, self.feedthrough, float(r), s, float(e), float(h), steps), self, k)
+            for k, (r, s, e, h) in enumerate(found)
         ]
 
 
@@ -144,7 +146,9 @@ def linear_fit(records: Sequence[Record], pieces: Pieces, n: int, question: Ques
     if not np.isfinite(fit.cost[best]):
         raise DataError(f"no linear model of order {n} follows the records; look at their scales and sampling time")
     one = slice(best, best + 1)
-    return LinearFit(parameters.latent(fit.batch[one])[0], float(fit.error[best]), float(fit.held_out[best]), fit.start[one])
+    return LinearFit(
+        parameters.latent(fit.batch[one])[0], float(fit.error[best]), float(fit.held_out[best]), fit.start[one]
+    )
 
 
 def substeps_for(latent: Latent) -> int:
@@ -199,6 +203,7 @@ def group_of(linear: LinearFit, q: int, question: Question, pieces: Pieces, ridg
     effect = 0.0 if question.certified else 0.01
     latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation)
     through = bool(question.feedthrough)
+    parameters: Parameters
     if question.certified:
         parameters, batch, _ = starts.stable_batch(latent, through, question.kappa)
     else:
@@ -220,19 +225,21 @@ def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
     """Return the states of a model along all samples."""
     latent, n, S = linear.latent, linear.latent.n, len(pieces.record)
     flow = np.zeros((1, S, n, n))
-    run = least_squares.sensitivities.simulated(latent, pieces, linear.start, flow, 2, 1)
+    run = sensitivities.simulated(latent, pieces, linear.start, flow, 2, 1)
     return np.moveaxis(run.states[:-1:2, 0], 1, 2)[(pieces.weight + pieces.held) > 0]
 
 
-def raced(groups: list[Group], tell: Callable[[float], None]) -> Iterator[list[tuple[Candidate, Group, int]]]:
-    """Fit all candidates for some steps, go on with the best, and so on; yield the ranking after each round."""
+def raced(
+    groups: list[Group], tell: Callable[[float], None]
+) -> Iterator[tuple[int, list[tuple[Candidate, Group, int]]]]:
+    """Fit all candidates for some steps, go on with the best, and so on; yield how many go on, and the ranking."""
     for steps, survivors in RUNGS:
         for group in groups:
             least_squares.fitted(group.task, group.fit, steps, lambda fit: tell(float(np.nanmin(fit.held_out))))
         ranking = ranked(groups)
         for _, group, k in ranking[survivors:]:
             group.fit.ended[k] = True
-        yield ranking
+        yield survivors, ranking
 
 
 def ranked(groups: Sequence[Group]) -> list[tuple[Candidate, Group, int]]:
@@ -255,9 +262,10 @@ def winner_of(group: Group, k: int) -> Winner:
     """Return one candidate of a group."""
     candidate = group.candidates()[k][0]
     one = slice(k, k + 1)
-    return Winner(group.task.parameters, group.fit.batch[one], float(group.task.ridge[k].max(initial=0.0)), group.task.substeps, candidate)
-
-
-def is_stable_parametrisation(winner: Winner) -> bool:
-    """Return whether a point carries multipliers of its own."""
-    return isinstance(winner.parameters, Stable)
+    return Winner(
+        group.task.parameters,
+        group.fit.batch[one],
+        float(group.task.ridge[k].max(initial=0.0)),
+        group.task.substeps,
+        candidate,
+    )

@@ -96,7 +96,7 @@ def _moesp(
     U, Z, Y = (np.vstack(part) for part in zip(*rows, strict=True))
     triangle = np.linalg.qr(np.hstack([U, Z, Y]), mode="r")
     a, b = U.shape[1], U.shape[1] + Z.shape[1]
-    left, size, _ = np.linalg.svd(triangle[a:b, b:].T, full_matrices=False)
+    left, size, _ = np.linalg.svd(np.asarray(triangle)[a:b, b:].T, full_matrices=False)
     l = records[0][1].shape[1]  # noqa: E741
     observability = left[:, :n] * np.sqrt(size[:n])
     return np.linalg.lstsq(observability[:-l], observability[l:])[0], observability[:l]

@@ -1,0 +1,74 @@
+"""Derivatives of free runs against differences, and pieces against one long run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from persid.identification.outputs.latent import Latent
+from persid.identification.outputs.records import Pieces
+from persid.identification.outputs.sensitivities import mapped_output, normal, simulated
+
+N, Q, M, L = 2, 3, 2, 2
+
+
+def batch(activation: str, output_map: str | None) -> Latent:
+    rng = np.random.default_rng(0)
+    A = -0.1 * np.eye(N) + 0.05 * rng.normal(size=(2, N, N))
+    W = np.concatenate([A, 0.1 * rng.normal(size=(2, N, Q)), 0.3 * rng.normal(size=(2, N, M))], 2)
+    V, O = rng.normal(size=(2, Q, N + 1)), rng.normal(size=(2, L, N + M + 1))  # noqa: E741
+    return Latent(W, 0.1 * rng.normal(size=(2, N)), V, O, rng.normal(size=(2, 2, N)), activation, output_map)
+
+
+def pieces_of(hold: str, length: int) -> Pieces:
+    rng = np.random.default_rng(1)
+    records = [(rng.normal(size=(k, M)), rng.normal(size=(k, L))) for k in (50, 70)]
+    return Pieces.of(records, hold, length, kept=0.9)
+
+
+def run(latent: Latent, pieces: Pieces):
+    S = len(pieces.record)
+    return simulated(latent, pieces, np.zeros((2, N, S)), np.zeros((2, S, N, N)), 2, sweeps=20)
+
+
+def residuals(latent: Latent, pieces: Pieces) -> np.ndarray:
+    y = mapped_output(latent, run(latent, pieces).y)[0]
+    return np.moveaxis((y - pieces.y[:, None]) * pieces.weight[:, None, None], 1, 0).reshape(2, -1)
+
+
+def differences(latent: Latent, pieces: Pieces) -> np.ndarray:
+    columns = []
+    for name in ("W", "V", "O", "x0"):
+        given = getattr(latent, name)
+        for place in np.ndindex(given.shape[1:]):
+            step = np.zeros_like(given)
+            step[(slice(None), *place)] = 1e-6
+            up, down = (residuals(replace(latent, **{name: given + s * step}), pieces) for s in (1, -1))
+            columns.append((up - down) / 2e-6)
+    return np.array(columns)
+
+
+@pytest.mark.parametrize(
+    ("activation", "hold", "output_map"), [("tanh", "foh", None), ("softsign", "zoh", "abs"), ("arctan", "zoh", None)]
+)
+def test_normal_equations_are_those_of_differences(activation, hold, output_map):
+    """J'J and J'r over all parameters and first states are those of finite differences, whatever the pieces."""
+    latent, pieces = batch(activation, output_map), pieces_of(hold, 16)
+    found = normal(latent, pieces, run(latent, pieces), 2)
+    J, r, p = differences(latent, pieces), residuals(latent, pieces), found.H.shape[1]
+    for k in range(2):
+        H, g = J[:, k] @ J[:, k].T, J[:, k] @ r[k]
+        np.testing.assert_allclose(found.H[k], H[:p, :p], atol=1e-7 * np.abs(H).max())
+        np.testing.assert_allclose(np.hstack(list(found.side[k])), H[:p, p:], atol=1e-7 * np.abs(H).max())
+        np.testing.assert_allclose(np.concatenate([found.g[k], found.g0[k].ravel()]), g, atol=1e-7 * np.abs(g).max())
+
+
+def test_pieces_join_to_one_run():
+    """A record simulated in pieces gives what it gives in one."""
+    latent = batch("tanh", None)
+    short, long = (pieces_of("zoh", length) for length in (16, 70))
+    np.testing.assert_allclose(
+        np.sort(residuals(latent, short)[residuals(latent, short) != 0]),
+        np.sort(residuals(latent, long)[residuals(latent, long) != 0]),
+        atol=1e-7,
+    )
