@@ -14,10 +14,10 @@ class Latent:
     x0 is the state at the first sample of every record.
     """
 
-    W: Float[ndarray, "K n n+q+m"]
+    W: Float[ndarray, "K n w"]
     b: Float[ndarray, "K n"]
-    V: Float[ndarray, "K q n+1"]
-    O: Float[ndarray, "K l n+m+1"]  # noqa: E741 the outputs' matrix
+    V: Float[ndarray, "K q r"]
+    O: Float[ndarray, "K l o"]  # noqa: E741 the outputs' matrix
     x0: Float[ndarray, "K records n"]
     activation: str = "tanh"
     output_map: str | None = None

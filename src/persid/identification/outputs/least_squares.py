@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -30,17 +29,6 @@ class Batch:
 
     def __getitem__(self, chosen: ndarray | slice) -> "Batch":
         return replace(self, w=self.w[chosen], x0=self.x0[chosen], b=self.b[chosen])
-
-
-class Parameters(Protocol):
-    """Say how parameters w become latent models."""
-
-    @property
-    def free(self) -> Bool[ndarray, " p"]:
-        """Which entries of w may move."""
-
-    def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
-        """Return the models, the derivative of (W, V, O) by w, and whether each is valid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +87,10 @@ class Stable:
         return latent, D, found.valid
 
 
-def split(theta: Float[ndarray, "K d"], n: int, q: int, m: int, l: int) -> tuple[ndarray, ndarray, ndarray]:  # noqa: E741
+Parameters = Free | Stable
+
+
+def split(theta: ndarray, n: int, q: int, m: int, l: int) -> tuple[ndarray, ndarray, ndarray]:  # noqa: E741
     """Return the matrices W, V, O of flat parameters."""
     W, V, O = np.split(theta, np.cumsum([n * (n + q + m), q * (n + 1)]), 1)  # noqa: E741
     K = len(theta)

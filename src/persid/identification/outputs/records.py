@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-Record = tuple[Float[ndarray, "N m"], Float[ndarray, "N l"]]
+Record = tuple[ndarray, ndarray]  # inputs (N, m) and outputs (N, l); N differs from record to record
 LONG, SHORT = 128, 64  # samples a piece, for long records and for short ones
 MANY = 16_384  # samples from which pieces are long
 
@@ -96,4 +96,4 @@ def _folded(column: ndarray, length: int) -> ndarray:
     missing = -len(column) % length
     padding = np.repeat(column[-1:] if column.ndim > 1 else np.zeros(1), missing, axis=0)
     full = np.concatenate([column, padding])
-    return np.ascontiguousarray(np.moveaxis(full.reshape(-1, length, *column.shape[1:]), 0, -1))
+    return np.ascontiguousarray(np.moveaxis(full.reshape(len(full) // length, length, *column.shape[1:]), 0, -1))

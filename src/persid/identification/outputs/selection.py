@@ -253,7 +253,7 @@ def with_feedthrough(group: Group, chosen: Sequence[int]) -> Group:
     n, m, l = group.order, group.task.pieces.u.shape[1], group.task.pieces.y.shape[1]  # noqa: E741
     free = parameters.free.copy()
     free[-l * (n + m + 1) :] = True
-    task = replace(group.task, parameters=replace(parameters, free=free), ridge=group.task.ridge[picked])  # type: ignore[type-var]
+    task = replace(group.task, parameters=replace(parameters, free=free), ridge=group.task.ridge[picked])
     fit = least_squares.begun(task, group.fit.batch[picked])
     return Group(group.neurons, True, group.ridges[picked], tuple(group.seeds[k] for k in chosen), task, fit)
 

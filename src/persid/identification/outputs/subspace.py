@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 from numpy import ndarray
 from scipy.linalg import logm
 from scipy.signal import lfilter
@@ -51,7 +51,7 @@ def _merged(record: Record, stride: int) -> Record:
     """Return every stride-th sample with the mean of the inputs in between."""
     u, y = record
     whole = len(u) // stride * stride
-    return u[:whole].reshape(-1, stride, u.shape[1]).mean(1), y[:whole:stride]
+    return u[:whole].reshape(whole // stride, stride, u.shape[1]).mean(1), y[:whole:stride]
 
 
 def _pairs(records: Sequence[Record], n: int, horizons: Sequence[int]) -> Iterator[tuple[ndarray, ndarray]]:
@@ -182,7 +182,7 @@ def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequ
 
 
 def _responses(
-    w: Complex[ndarray, " n"], V: ndarray, back: ndarray, C: Float[ndarray, "l n"], u: Float[ndarray, "N m"]
+    w: ndarray, V: ndarray, back: ndarray, C: Float[ndarray, "l n"], u: Float[ndarray, "N m"]
 ) -> Float[ndarray, "N l n*m"]:
     """Return the derivatives of the outputs by every entry of B."""
     pole = np.exp(w)

@@ -1,0 +1,256 @@
+"""OutputIdentifier: a certified model of a system of which only inputs and outputs are measured."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
+
+from persid._threads import few_threads
+from persid.errors import DataError
+from persid.identification.outputs.answer import Answer, answered
+from persid.identification.outputs.selection import Candidate, Question
+from persid.measurements.arrays import as_trajectories, refuse_target
+from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.models.outputs import OutputModel
+from persid.models.stable_fit import ACTIVATIONS
+from persid.verdicts.outputs import certify_fit
+
+EVEN = 1e-2  # of the step, by which sampling times may vary
+TOLD = 10  # steps between two lines of progress
+
+
+@dataclass(frozen=True)
+class OutputReport:
+    """Report how a model of inputs and outputs was chosen.
+
+    Errors are root-mean-square errors of free runs in units of the spread of the outputs: `error` on all data,
+    `held_out` and `linear` on the last quarter of every record, for the chosen candidate and the best linear model;
+    `free` for the best model of the same size without a condition, where it was asked for. `seeds` are the held-out
+    errors of the candidates that differ from the chosen one by their seed alone.
+    """
+
+    candidates: tuple[Candidate, ...]
+    chosen: Candidate
+    error: float
+    held_out: float
+    linear: float
+    free: float | None
+    seeds: tuple[float, ...]
+    remarks: tuple[str, ...]
+    interrupted: bool
+
+    @property
+    def price(self) -> float | None:
+        """By which factor the condition raised the held-out error; below 1 where it lowered it."""
+        return None if self.free is None else self.held_out / self.free
+
+
+class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
+    """Fit x' = A x + A1 f(R x + beta) + B u, y = h(C x + D u + d) to inputs and outputs; the states are nobody's.
+
+    Models are stable by construction, and each carries its own proof, which `persid_check` decides. Order, neurons,
+    ridge, feedthrough and seed are chosen by free runs on the last quarter of every record.
+
+    order: number of states, or "auto".  neurons: number of functions f, or "auto"; 0 is a linear model.
+    activation: f, "tanh", "softsign" or "arctan".  feedthrough: whether D is fitted, or "auto".
+    hold: "zoh" (inputs are held) or "foh" (straight lines between samples).
+    output_map: h, None or "abs" (a sensor that ignores the sign).
+    certified: False fits without the condition; the verdict then depends on what `certify` finds.
+    min_rate: None, or a rate of decay in 1/s that is certified.
+    seeds: random starts for every size.  random_state: the first of them.
+    compare: also fit the chosen size without the condition, for `report_.price`.
+    time_limit: seconds for the proof, beyond the fit's own.
+
+    After `fit`: model_ (OutputModel), fit_ (StableFit), verdict_, certificate_ (None where there is none), report_.
+    """
+
+    def __init__(
+        self,
+        order: int | str = "auto",
+        neurons: int | str = "auto",
+        *,
+        activation: str = "tanh",
+        feedthrough: bool | str = "auto",
+        hold: str = "zoh",
+        output_map: str | None = None,
+        certified: bool = True,
+        min_rate: float | int | None = None,
+        seeds: int = 3,
+        random_state: int = 0,
+        compare: bool = False,
+        time_limit: float | int = 60.0,
+    ) -> None:
+        self.order = order
+        self.neurons = neurons
+        self.activation = activation
+        self.feedthrough = feedthrough
+        self.hold = hold
+        self.output_map = output_map
+        self.certified = certified
+        self.min_rate = min_rate
+        self.seeds = seeds
+        self.random_state = random_state
+        self.compare = compare
+        self.time_limit = time_limit
+
+    def fit(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        u: Any = None,
+        t: Any = None,
+        dt: float | int | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> "OutputIdentifier":
+        """Fit to outputs X: Trajectories (outputs in place of states), arrays, tables, or lists of them.
+
+        Ctrl-C ends the search; the best model so far is delivered, and `report_.interrupted` says so.
+
+        Raises:
+            DataError: an option cannot be used, or records are too short, constant, or sampled unevenly.
+        """
+        refuse_target(y)
+        data = as_trajectories(X, u, t, dt)
+        step = _step(data)
+        question = self._question(step)
+        tell = _told(progress)
+        records = [(run.u, run.x) for run in data]
+        with few_threads(4):
+            answer = answered(records, step, question, tell)
+            if answer.remarks and self.certified:
+                answer = replace(
+                    answered(records, step, replace(question, certified=False), tell), remarks=answer.remarks
+                )
+            free = self._free(answer, records, step, question, tell) if self.compare else None
+        self._deliver(answer, data, free)
+        return self
+
+    def _question(self, step: float) -> Question:
+        _check_options(self)
+        kappa = 2 * (1 + 1e-6) * float(self.min_rate or 0.0) * step
+        return Question(
+            order=None if self.order == "auto" else int(self.order),
+            neurons=None if self.neurons == "auto" else int(self.neurons),
+            feedthrough=None if self.feedthrough == "auto" else bool(self.feedthrough),
+            activation=self.activation,
+            output_map=self.output_map,
+            hold=self.hold,
+            certified=self.certified,
+            kappa=kappa,
+            seeds=tuple(range(self.random_state, self.random_state + self.seeds)),
+        )
+
+    def _free(
+        self, answer: Answer, records: list[Any], step: float, question: Question, tell: Callable[[str, float], None]
+    ) -> float | None:
+        chosen = answer.candidate
+        same = replace(
+            question, certified=False, order=chosen.order, neurons=chosen.neurons, feedthrough=chosen.feedthrough
+        )
+        return None if answer.interrupted else answered(records, step, same, tell).candidate.held_out
+
+    def _deliver(self, answer: Answer, data: Trajectories, free: float | None) -> None:
+        self.fit_ = replace(answer.fit, inputs=data.inputs, outputs=_output_names(data.states))
+        self.n_features_in_, self.n_inputs_in_ = len(data.states), len(data.inputs)
+        chosen = answer.candidate
+        provenance = {"fitted_under": "certificate" if self.fit_.M is not None else None, "seed": chosen.seed}
+        self.model_ = OutputModel.from_fit(self.fit_, provenance)
+        self.verdict_ = certify_fit(
+            self.fit_, self.model_, time_limit=float(self.time_limit), min_rate=self.min_rate and float(self.min_rate)
+        )
+        self.certificate_ = getattr(self.verdict_, "certificate", None)
+        alike = replace(chosen, seed=0, error=0.0, held_out=0.0, steps=0)
+        seeds = [one for one in answer.candidates if replace(one, seed=0, error=0.0, held_out=0.0, steps=0) == alike]
+        self.report_ = OutputReport(
+            answer.candidates, chosen, answer.error, chosen.held_out, answer.linear, free,
+            tuple(one.held_out for one in seeds), answer.remarks, answer.interrupted,
+        )  # fmt: skip
+
+    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N l"]:
+        """Return free runs from states estimated from every run's first samples (all runs one below the other)."""
+        return np.concatenate([self._free_run(run) for run in self._known(X, u, t, dt)])
+
+    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
+        """Return the R2 of free runs, the mean over outputs; the first samples, which tell the state, do not count."""
+        data, k = self._known(X, u, t, dt), self._start
+        measured = np.concatenate([run.x[k:] for run in data])
+        gap = np.concatenate([self._free_run(run)[k:] for run in data]) - measured
+        spread = ((measured - measured.mean(0)) ** 2).sum(0)
+        return float((1 - (gap**2).sum(0) / spread).mean())
+
+    def simulate(self, t: Float[ndarray, " N"], u: Any = None, *, x0: Any = None, y_init: Any = None) -> Trajectories:
+        """Return the outputs at the times t (s); see `OutputModel.simulate`."""
+        check_is_fitted(self, "model_")
+        return self.model_.simulate(t, u, x0=x0, y_init=y_init)
+
+    @property
+    def _start(self) -> int:
+        return max(5, 3 * self.model_.dynamics.n)
+
+    def _free_run(self, run: Trajectory) -> Float[ndarray, "N l"]:
+        found = self.model_.simulate(run.t, run.u, y_init=run.x[: self._start])[0].x
+        return np.vstack([found, np.full((len(run) - len(found), found.shape[1]), np.inf)])
+
+    def _known(self, X: Any, u: Any, t: Any, dt: float | int | None) -> Trajectories:
+        check_is_fitted(self, "model_")
+        data = as_trajectories(X, u, t, dt)
+        given, wanted = (len(data.states), len(data.inputs)), (self.n_features_in_, self.n_inputs_in_)
+        if given != wanted:
+            raise DataError(
+                f"{given[0]} outputs and {given[1]} inputs were given; the model has {wanted[0]} and {wanted[1]}"
+            )
+        return data
+
+
+def _step(data: Sequence[Trajectory]) -> float:
+    steps = np.concatenate([np.diff(run.t) for run in data])
+    step = float(np.median(steps))
+    if np.abs(steps - step).max() > EVEN * step:
+        raise DataError(
+            f"samples are {steps.min():.4g} to {steps.max():.4g} s apart; resample the records at equal steps"
+        )
+    return step
+
+
+def _output_names(given: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the outputs' names; those that arrays have by default are names of latent states here."""
+    plain = tuple(f"x{i + 1}" for i in range(len(given)))
+    return tuple(f"y{i + 1}" for i in range(len(given))) if given == plain else given
+
+
+def _check_options(given: OutputIdentifier) -> None:
+    for name, least in (("order", 1), ("neurons", 0)):
+        value = getattr(given, name)
+        if value != "auto" and (not isinstance(value, int | np.integer) or value < least):
+            raise DataError(f'{name} is {value!r}; it is "auto" or a whole number of at least {least}')
+    if given.activation not in ACTIVATIONS:
+        raise DataError(f"activation is {given.activation!r}; it is one of {', '.join(ACTIVATIONS)}")
+    if given.hold not in ("zoh", "foh"):
+        raise DataError(f'hold is {given.hold!r}; it is "zoh" or "foh"')
+    if given.output_map not in (None, "abs"):
+        raise DataError(f'output_map is {given.output_map!r}; it is None or "abs"')
+    if given.feedthrough not in ("auto", True, False):
+        raise DataError(f'feedthrough is {given.feedthrough!r}; it is "auto", True or False')
+    if given.seeds < 1:
+        raise DataError(f"seeds is {given.seeds}; at least one start is needed")
+    if given.min_rate is not None and not given.min_rate > 0:
+        raise DataError(f"min_rate is {given.min_rate}; it is None or a positive rate in 1/s")
+
+
+def _told(progress: Callable[[str], None] | None) -> Callable[[str, float], None]:
+    """Return what tells of every so many steps in a line of text."""
+    count = 0
+
+    def tell(stage: str, error: float) -> None:
+        nonlocal count
+        count += 1
+        if progress and count % TOLD == 0:
+            progress(f"{stage}: step {count}, error {error:.3g}")
+
+    return tell

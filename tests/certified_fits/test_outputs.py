@@ -1,0 +1,86 @@
+"""Certified models of inputs and outputs: systems of known truth, and data that cannot be used."""
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.certified_fits.outputs import OutputIdentifier
+from persid.errors import DataError
+
+
+def runs(model, C, dt, N, m, seed=0, count=1, x0=None):
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(count):
+        u, t = np.repeat(rng.normal(size=(N // 4 + 1, m)), 4, 0)[:N], dt * np.arange(N)
+        x = model.simulate(np.zeros(model.n) if x0 is None else x0, t, u if m else None)[0].x
+        found.append((x @ np.asarray(C).T, u))
+    return ps.Trajectories.from_arrays([y for y, _ in found], [u for _, u in found] if m else None, dt=dt)
+
+
+def test_a_linear_system_is_recovered_and_certified():
+    """The poles of a linear system are found to 1e-3, and the model is certified."""
+    A = np.array([[-0.5, 2.0], [-2.0, -0.5]])
+    data = runs(ps.PersidskiiModel(A, [], [[1.0], [0.5]]), [[1.0, 0.0]], 0.1, 400, 1)
+    fit = OutputIdentifier(order=2, neurons=0, time_limit=0).fit(data)
+    found = np.sort_complex(np.linalg.eigvals(fit.fit_.A))
+    np.testing.assert_allclose(found, np.sort_complex(np.linalg.eigvals(A)), rtol=1e-3)
+    assert fit.verdict_.is_certified
+    assert fit.score(data) > 0.999
+
+
+def test_a_nonlinear_system_with_two_inputs_and_three_outputs_is_foretold():
+    """A saturating system of two inputs and three outputs is certified and foretells a run it has not seen."""
+    model = ps.PersidskiiModel(
+        [[-0.3, 1.0], [-1.0, -0.2]], [("tanh(x)", [[2.0, 0.0]], [[-1.0], [0.0]])], [[1.0, 0.0], [0.0, 1.0]]
+    )
+    C = [[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]]
+    fit = OutputIdentifier(order=2, neurons=2, feedthrough=False, seeds=2, time_limit=0).fit(
+        runs(model, C, 0.2, 300, 2)
+    )
+    assert fit.verdict_.is_certified
+    assert fit.score(runs(model, C, 0.2, 200, 2, seed=5)) > 0.995
+    assert fit.report_.held_out < 0.5 * fit.report_.linear
+
+
+def test_a_system_without_inputs_is_certified():
+    """A decaying oscillation without inputs, in two records of different starts, is certified and foretold."""
+    model = ps.PersidskiiModel([[-0.2, 2.0], [-2.0, -0.2]], [], np.zeros((2, 0)))
+    parts = [runs(model, [[1.0, 0.0]], 0.1, 120, 0, x0=x0)[0].x for x0 in ([1.0, 0.0], [0.0, 2.0])]
+    fit = OutputIdentifier(order=2, neurons=0, time_limit=0).fit(parts, dt=0.1)
+    assert fit.verdict_.is_certified
+    assert fit.score(parts, dt=0.1) > 0.999
+
+
+@pytest.mark.parametrize(
+    ("y", "options", "message"),
+    [
+        (np.ones((100, 1)), {}, "output 1 is constant"),
+        (np.arange(12.0)[:, None] % 5, {"order": 4}, "cannot tell"),
+        (np.arange(60.0)[:, None] % 7, {"order": 2, "neurons": 30}, "cannot tell"),
+        (np.arange(60.0)[:, None] % 7, {"order": 0}, "order is 0"),
+        (np.arange(60.0)[:, None] % 7, {"activation": "relu"}, "activation is 'relu'"),
+    ],
+)
+def test_data_and_options_that_cannot_be_used_are_named(y, options, message):
+    """Constant outputs, records too short for the order or the neurons, and wrong options are refused in words."""
+    with pytest.raises(DataError, match=message):
+        OutputIdentifier(**options).fit(y, u=np.sin(np.arange(len(y)))[:, None], dt=0.1)
+
+
+def test_uneven_samples_are_refused():
+    """Sampling times that vary are named with their range."""
+    t = np.cumsum(np.linspace(0.1, 0.2, 80))
+    with pytest.raises(DataError, match="resample"):
+        OutputIdentifier().fit(np.sin(t)[:, None], u=np.cos(t)[:, None], t=t)
+
+
+def test_an_interrupt_keeps_the_best_so_far():
+    """Ctrl-C during the search delivers the best model so far, with its proof."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]), [[1.0]], 0.1, 300, 1)
+
+    def interrupt(line: str) -> None:
+        raise KeyboardInterrupt
+
+    fit = OutputIdentifier(order=1, neurons=2, seeds=1, time_limit=0).fit(data, progress=interrupt)
+    assert fit.report_.interrupted
+    assert fit.verdict_.is_certified
