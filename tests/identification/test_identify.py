@@ -341,7 +341,7 @@ def test_gram_data_reproduce_the_fit():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "magic"}, "weak, derivative, edmd"),
+        ({"method": "magic"}, "derivative, edmd, weak"),
         ({"hold": "first"}, "zoh, paper"),
         ({"ridge": -1.0}, ">= 0"),
         ({"ridge": "strong"}, "auto"),

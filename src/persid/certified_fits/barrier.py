@@ -17,6 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.certified_fits.bilinear import Inequality, Pairs, Point
+from persid.lyapunov.pairs import pack, schur_of_P
 
 BLOCK = 64  # rows of the Hessian made at once: what they gather from stays in the cache
 HOLD = 1.0  # weight of |F|^2 / 2 in the barrier: models whose coefficients the data do not hold stay near the others
@@ -82,11 +83,8 @@ def derivatives(inequality: Inequality, state: State) -> tuple[ndarray, ndarray,
     H[diagonal, diagonal] += 1 / y**2
     if free:
         inverse = np.linalg.inv(state.P)
-        i, j = np.triu_indices(inequality.symmetric)
-        g[K : K + free] -= 2 * inverse[i, j]
-        H[K : K + free, K : K + free] += 2 * (
-            inverse[np.ix_(i, i)] * inverse[np.ix_(j, j)] + inverse[np.ix_(i, j)] * inverse[np.ix_(j, i)]
-        )
+        g[K : K + free] -= pack(inverse)
+        H[K : K + free, K : K + free] += schur_of_P(inverse, inverse)
     return g, H, _bilinear(inequality, V)
 
 

@@ -15,6 +15,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
+from persid.lyapunov.pairs import symmetric_matrix
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
@@ -106,9 +108,7 @@ class Inequality:
 
     def P(self, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
         """Return the full matrix P(y), of order 0 where P is diagonal."""
-        P = np.zeros((self.symmetric, self.symmetric))
-        P[np.triu_indices(self.symmetric)] = y[: self.free]
-        return P + P.T
+        return symmetric_matrix(self.symmetric, y[: self.free])
 
 
 @dataclass(frozen=True, eq=False)

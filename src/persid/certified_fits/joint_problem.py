@@ -16,6 +16,7 @@ from numpy import ndarray
 from persid._dyadics import rounded
 from persid.certified_fits.bilinear import Fit, Inequality, Pairs, Point
 from persid.identification.gram import Gram
+from persid.identification.structure import Structure
 from persid.lyapunov.inequality import assemble
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import NEGLIGIBLE, Chosen, Lyapunov
@@ -76,8 +77,7 @@ class Frame:
         number[np.isin(number, given)] = -1
         if self.anchor is not None:
             number[-1] = -1
-        used, numbered = np.unique(number, return_inverse=True)
-        return numbered.reshape(number.shape) - int(used[0] == -1)
+        return Structure.of(number).parameter
 
     @cached_property
     def given(self) -> Coefficients:

@@ -17,6 +17,7 @@ from persid.certified_fits.polish import polish
 from persid.errors import RejectedError, RoundingError
 from persid.identification.gram import Gram
 from persid.identification.refinement import Pieces
+from persid.identification.structure import Structure
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, prove
 from persid.lyapunov.sectors import groups
 from persid.lyapunov.shifted_model import place
@@ -283,11 +284,7 @@ def damped_linear(frame: Frame) -> Coefficients:
     gram, basis = frame.gram, frame.gram.basis
     kinds = np.array([column.kind for column in basis.columns])
     parameter = np.where((kinds == "function")[:, None], -1, gram.structure.parameter)
-    used, numbered = np.unique(parameter, return_inverse=True)
-    structure = replace(
-        gram.structure, parameter=numbered.reshape(parameter.shape) - int(used[0] == -1), count=int((used >= 0).sum())
-    )
-    theta = replace(gram, structure=structure, root=None).solve(frame.ridge)
+    theta = replace(gram, structure=Structure.of(parameter), root=None).solve(frame.ridge)
     states = [column.state for column in basis.columns[: basis.state_columns]]
     linear = np.flatnonzero(kinds == "linear")
     A0 = basis.model(theta).A0

@@ -120,7 +120,7 @@ def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[
         if not (small & (gram.structure.parameter >= 0)).any():
             break
         parameter = np.where(small, -1, gram.structure.parameter)
-        gram = replace(gram, structure=Structure(_renumbered(parameter), len(np.unique(parameter[parameter >= 0]))))
+        gram = replace(gram, structure=Structure.of(parameter))
         theta = gram.solve(ridge)
     return theta
 
@@ -134,11 +134,6 @@ def _small(gram: Gram, theta: ndarray, share: float) -> ndarray:
     keep[-1] = True
     kept = np.unique(gram.structure.parameter[keep])
     return ~np.isin(gram.structure.parameter, kept)
-
-
-def _renumbered(parameter: ndarray) -> ndarray:
-    used, numbered = np.unique(parameter, return_inverse=True)
-    return numbered.reshape(parameter.shape) - int(used[0] == -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,13 @@ class Structure:
     parameter: ndarray
     count: int
 
+    @classmethod
+    def of(cls, parameter: ndarray) -> "Structure":
+        """Number the parameters anew, without gaps, in their order; -1 stays."""
+        used, numbered = np.unique(parameter, return_inverse=True)
+        unused = int(used[0] == -1)
+        return cls(numbered.reshape(parameter.shape) - unused, len(used) - unused)
+
     @property
     def is_separate(self) -> bool:
         """Whether no parameter is used by two states, so that every state has its own least-squares problem."""
@@ -49,9 +56,7 @@ def make_structure(basis: Basis, pattern: Any = None, shared: bool = False, cons
         _share(basis, parameter)
     if not constant:
         parameter[-1] = -1
-    used, numbered = np.unique(parameter, return_inverse=True)
-    unused = int(used[0] == -1)
-    return Structure(numbered.reshape(parameter.shape) - unused, len(used) - unused)
+    return Structure.of(parameter)
 
 
 def _pattern(pattern: Any, n: int) -> Bool[ndarray, "n n"]:

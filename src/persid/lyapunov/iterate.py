@@ -81,7 +81,7 @@ class Iterate:
     def defect(self) -> Float[ndarray, " J"]:
         """What the equalities of (P) lack."""
         free, lack = self.problem.free, pairings(self.problem, self.X) + self.m * self.problem.cost
-        lack[:free] -= pack(self.problem, self.U)
+        lack[:free] -= pack(self.U)
         lack[free:] -= self.x
         return lack
 
@@ -227,7 +227,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     ratio = state.x / state.s
     Z_inverse, P_inverse = _inverse(state.halves[2]), _inverse(state.halves[3])
     M = schur(problem, sandwich(problem, state.X), sandwich(problem, Z_inverse))
-    M[:free, :free] += schur_of_P(problem, state.U, P_inverse)
+    M[:free, :free] += schur_of_P(state.U, P_inverse)
     M[range(free, len(c)), range(free, len(c))] += ratio
     back = _factored(M)
     XZ = _symmetric(state.X @ Z_inverse)
@@ -243,7 +243,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
             CU = CU - _symmetric(second.U @ second.P @ P_inverse)
             cx = cx - second.x * second.y[free:] / state.s
         r = -pairings(problem, C) - state.defect
-        r[:free] += pack(problem, CU)
+        r[:free] += pack(CU)
         r[free:] += cx
         Mr = back(r)
         dt, dm = np.linalg.solve(border, [c @ Mr, -np.trace(C) - trace_defect - g @ Mr])

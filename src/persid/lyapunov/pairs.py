@@ -151,14 +151,19 @@ def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) 
 
 def unpack(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
     """Return the matrix P(y)."""
-    P = np.zeros((problem.symmetric, problem.symmetric))
-    P[np.triu_indices(problem.symmetric)] = y[: problem.free]
+    return symmetric_matrix(problem.symmetric, y[: problem.free])
+
+
+def symmetric_matrix(order: int, entries: Float[ndarray, " f"]) -> Float[ndarray, "k k"]:
+    """Return P, the sum of its entries times E_k = e_i e_j' + e_j e_i' over its upper triangle."""
+    P = np.zeros((order, order))
+    P[np.triu_indices(order)] = entries
     return P + P.T
 
 
-def pack(problem: Problem, M: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:
+def pack(M: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:
     """Return <E_k, M> for the entries of P, M symmetric."""
-    return 2 * M[np.triu_indices(problem.symmetric)]
+    return 2 * M[np.triu_indices(len(M))]
 
 
 def dual_of_P(problem: Problem, values: Float[ndarray, " f"]) -> Float[ndarray, "k k"]:
@@ -168,9 +173,9 @@ def dual_of_P(problem: Problem, values: Float[ndarray, " f"]) -> Float[ndarray, 
     return W + np.triu(W, 1).T
 
 
-def schur_of_P(problem: Problem, U: Float[ndarray, "k k"], V: Float[ndarray, "k k"]) -> Float[ndarray, "f f"]:
+def schur_of_P(U: Float[ndarray, "k k"], V: Float[ndarray, "k k"]) -> Float[ndarray, "f f"]:
     """Return the matrix of tr(E_k U E_l V) for the entries of P, U and V symmetric."""
-    i, j = np.triu_indices(problem.symmetric)
+    i, j = np.triu_indices(len(U))
 
     def products(a: ndarray, b: ndarray, c: ndarray, d: ndarray) -> ndarray:
         return U[np.ix_(a, b)] * V[np.ix_(c, d)]
