@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from persid_check.sentences import SHOWN, counted, decimal, marked
+from persid_check.sentences import SHOWN, counted, decimal, input_names, marked
 
 if TYPE_CHECKING:
     from persid_check.network import NetworkClaim, NetworkObstruction, NetworkSubject
@@ -20,7 +20,7 @@ def _model(subject: NetworkSubject) -> str:
 def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> str:
     """Return the sentence of claim L1; `gains` are upper bounds of (|B|'w)_l, with `offset` the last one is of b."""
     about = "every equilibrium" if claim.every else "x* = x_ref for u* = u_ref"
-    inputs = [_input(i, str(name)) for i, name in enumerate(claim.subject.form["inputs"], start=1)]
+    inputs = input_names(claim.subject.form["inputs"])
     names = [f"sup|{name} - {name}*|" for name in inputs] + ["sup|v|"] * offset
     terms = [f"{decimal(g / claim.kappa)} {name}" for g, name in list(zip(gains, names, strict=True))[:SHOWN] if g]
     terms += ["..."] if len(gains) > SHOWN else []
@@ -38,11 +38,6 @@ def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> st
             " satisfy this estimate with the second one in place of x*."
         )
     return " ".join(parts)
-
-
-def _input(i: int, name: str) -> str:
-    """An input's own name, quoted; u1, u2, ... as they are, but never for another input than the first, second, ..."""
-    return name if name == f"u{i}" else repr(name)
 
 
 def decrease_steps(claim: NetworkClaim, rays: Sequence[int], how: str) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 from persid_check.format import Stability
 from persid_check.outputs import Conclusions, Outputs
-from persid_check.sentences import SHOWN, decimal, root
+from persid_check.sentences import SHOWN, decimal, input_names, root
 
 
 def bounds(claim: Stability, outputs: Outputs) -> str:
@@ -32,8 +32,8 @@ def _gains(claim: Stability, outputs: Outputs, i: int) -> list[tuple[str, str]]:
     if isinstance(claim.gamma, Fraction):
         direct = sum((d * d for d in D), Fraction(0))
         return [(_sum(c * claim.gamma, square * direct), "sup|u - u*|")]
-    pairs = zip(names, D, claim.gamma, strict=True)
-    return [(_sum(c * row[-1], square * d * d), f"sup|{name!r} - u{j}*|") for j, (name, d, row) in enumerate(pairs, 1)]
+    parts = zip(input_names(names), D, claim.gamma, strict=True)
+    return [(_sum(c * row[-1], square * d * d), f"sup|{name} - {name}*|") for name, d, row in parts]
 
 
 def _sum(a: Fraction, b: Fraction) -> str:

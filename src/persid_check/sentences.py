@@ -51,6 +51,11 @@ def marked(values: Sequence[Fraction]) -> str:
     return ", ".join(shown)
 
 
+def input_names(names: Sequence[str]) -> list[str]:
+    """Return inputs' own names, quoted; u1, u2, … as they are, but never for another than the first, second, …."""
+    return [name if name == f"u{i}" else repr(name) for i, name in enumerate(names, start=1)]
+
+
 def _model(subject: Subject) -> str:
     model = subject.model
     names = ", ".join(repr(name) for name in model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
@@ -111,7 +116,7 @@ def _gains(claim: Stability) -> list[str]:
     if isinstance(claim.gamma, Fraction):
         return [f"{root(claim.gamma / unit)} {'sup|(u - u*, v)|' if counts_b else 'sup|u - u*|'}"]
     gains = [root(row[-1] / unit) for row in claim.gamma]
-    names = [f"sup|{name!r} - u{i}*|" for i, name in enumerate(model.inputs, start=1)] + ["sup|v|"] * counts_b
+    names = [f"sup|{name} - {name}*|" for name in input_names(model.inputs)] + ["sup|v|"] * counts_b
     parts = [f"{gain} {name}" for gain, name in zip(gains, names, strict=True)]
     return parts if len(parts) <= SHOWN else [*parts[:SHOWN], f"... (a part for each of {len(parts)} inputs)"]
 

@@ -141,6 +141,14 @@ def test_a_true_network_is_accepted() -> None:
     assert isinstance(Network(A=[(0, 1, 0.5), (2, 1, 0.5)], kinds=[([], []), TANH]).forged(), Accepted)
 
 
+@pytest.mark.parametrize("text", ["x", "(x)", "+x"])
+def test_a_linear_term_is_merged_however_it_is_spelled(text: str) -> None:
+    """A large network whose term is x alone is rejected: its linear terms belong to A0."""
+    result = Network(A=[(0, 1, 0.5)], f=text, kinds=[([], []), ([(text, 1.0)], [(0, 1)])]).forged()
+    assert isinstance(result, Rejected)
+    assert "merged" in result.why
+
+
 @pytest.mark.parametrize("every", [True, False])
 def test_a_gain_that_underflows_is_not_zero(every: bool) -> None:
     """|B|'w of 2^-1300 underflows to 0 in binary64; the estimate names its input all the same, and so b's."""

@@ -11,7 +11,7 @@ from checker import named
 from checker.maker import Wanted, data, dyadic, file, make, model
 from checker.test_network import file as network_file
 from checker.test_network import model as network_model
-from persid_check import Accepted, Rejected, check, network_sentences, sentences
+from persid_check import Accepted, Rejected, check, model_sha256, network_sentences, sentences
 
 HALF = Fraction(1, 2)
 
@@ -111,7 +111,15 @@ def test_without_inputs_no_gain_is_named() -> None:
 
 def test_each_input_has_its_own_gain() -> None:
     """V = x^2, Gamma just above [[1, 1], [1, 1]]: each gain is the root of 33/32 over 7/8, rounded up."""
-    assert "1.08563 sup|'u1' - u1*| + 1.08563 sup|'u2' - u2*|" in said(named.load("e_gains"))
+    assert "1.08563 sup|u1 - u1*| + 1.08563 sup|u2 - u2*|" in said(named.load("e_gains"))
+
+
+def test_an_input_is_called_by_its_own_name() -> None:
+    """With u2 in the first place its gain is not printed beside the nominal value of the input u1."""
+    swapped = named.load("e_gains")
+    swapped["model"]["inputs"] = ["u2", "u1"]
+    swapped["model_sha256"] = model_sha256(swapped["model"])
+    assert "1.08563 sup|'u2' - 'u2'*| + 1.08563 sup|'u1' - 'u1'*|" in said(swapped)
 
 
 def test_every_equilibrium_needs_every_form_nondecreasing() -> None:

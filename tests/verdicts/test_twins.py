@@ -53,6 +53,7 @@ def test_a_row_of_zeros_is_a_constant(f: str) -> None:
     """A function of nothing is certified beside a stable linear part."""
     model = ps.PersidskiiModel(A0=-np.eye(2), terms=[(f, [[0.0, 0.0]], [[0.0], [1.0]])], B=[[0.0], [1.0]])
     assert isinstance(ps.certify(model), ps.Certified)
+    assert isinstance(ps.certify(model, domain=[[-1.0, 1.0], [-2.0, 2.0]]), ps.Certified)
 
 
 def test_a_function_that_is_tiny_at_the_operating_point_is_no_exception() -> None:

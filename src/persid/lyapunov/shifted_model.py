@@ -58,7 +58,8 @@ class Setting:
             simple = np.array([form in alone for form in listed], bool)
             upper[curve] = np.where([form in rising for form in listed], 1.0, np.nan)
             upper[curve][simple] = upper_constants(curve, forms[simple])
-            below[curve] = lower_constants(curve, forms) if box is not None else np.zeros(len(forms))
+            bounded = box is not None and not curve.fixed
+            below[curve] = lower_constants(curve, forms) if bounded else np.zeros(len(forms))
         return cls(model, point, box, found, pools, upper, below)
 
     @property

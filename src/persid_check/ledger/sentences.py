@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Ledger, Row
-from persid_check.sentences import SHOWN, counted, decimal, root
+from persid_check.sentences import SHOWN, counted, decimal, input_names, root
 
 _ZERO = Fraction(0)
 
@@ -68,7 +68,8 @@ def _gain(ledger: Ledger, unit: Fraction, size: str | None = None) -> str:
     whole = "|(u - u*, 1)|" if ledger.counts_b else "|u - u*|"
     if isinstance(ledger.gamma, Fraction):
         return f"{root(ledger.gamma / unit)} sup{size or whole}"
-    names = [f"sup|{name!r}{' difference' if size else f' - u{i}*'}|" for i, name in enumerate(ledger.model.inputs, 1)]
+    inputs = input_names(ledger.model.inputs)
+    names = [f"sup|{name} difference|" if size else f"sup|{name} - {name}*|" for name in inputs]
     names += ["1"] * (ledger.counts_b and size is None)
     return " + ".join(f"{root(row[-1] / unit)} {name}" for row, name in zip(ledger.gamma, names, strict=False))
 
