@@ -50,9 +50,9 @@ def _numbers(values: Sequence[Fraction]) -> str:
 def _place(ledger: Ledger) -> str:
     ball, model = ledger.ball, ledger.model
     if ball is not None:
-        where = (
-            f"within {decimal(ball.radius)} of {_numbers(ball.x)}" if ball.radius else f"= {_numbers(ball.x)} exactly"
-        )
+        where = f"= {_numbers(ball.x)} exactly"
+        if ball.radius:  # not rounded up: only in the ball itself is it proved to be the one
+            where = f"within {_marked(ball.radius)} of {_numbers(ball.x)} in every state"
         return f"about the one equilibrium x* {where} for the constant input u* = {_numbers(ball.u)}"
     name = "" if ledger.claim == "practical" else "x* = "
     where = f"about {name}x_ref = {_numbers(model.x_ref)} for u* = u_ref = {_numbers(model.u_ref)}"
@@ -99,7 +99,7 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
 
 def _strip(row: Row, lo: Fraction, hi: Fraction) -> str:
     """One strip in words; ends are rounded inwards, so that the set named lies in the set proved invariant."""
-    terms = " + ".join(f"{decimal(r)} (x{i + 1} - x{i + 1}*)" for i, r in list(row.items())[:SHOWN]) or "0"
+    terms = " + ".join(f"{_marked(r)} (x{i + 1} - x{i + 1}*)" for i, r in list(row.items())[:SHOWN]) or "0"
     more = " + ..." if len(row) > SHOWN else ""
     return f"{_marked(lo)} <= {terms}{more} <= {_marked(hi)}"
 
@@ -181,5 +181,5 @@ _CONCLUSIONS = {
 
 def _centre(shift: tuple[Fraction, Fraction] | str | None) -> str:
     if isinstance(shift, tuple):
-        return f"within {decimal(shift[1])} of {_marked(shift[0])}"
+        return f"within {_marked(shift[1])} of {_marked(shift[0])}"
     return "0, nothing subtracted" if shift is None else "any"
