@@ -1,8 +1,8 @@
 """python -m persid_check FILE [--model model.json] [--explain]: the checker as a program.
 
 Exit codes, those of every command of persid: 0 accepted, the model is proved stable; 1 accepted, it is proved not
-stable; 3 accepted, but all that is proved is that no certificate of a family exists; 5 rejected, the proof does not
-hold; 2 malformed, or wrong use; 4 internal error; 130 interrupted.
+stable; 3 accepted, but stability is not what is proved: that no certificate of a family exists, or practical stability;
+5 rejected, the proof does not hold; 2 malformed, or wrong use; 4 internal error; 130 interrupted.
 """
 
 import argparse
@@ -19,7 +19,7 @@ STABLE, NOT_STABLE, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2,
 def exit_code(result: Result) -> int:
     """Return the exit code of an answer."""
     if isinstance(result, Accepted):
-        if result.claim.endswith("infeasible"):
+        if result.claim.endswith("infeasible") or result.claim == "practical":  # practically stable is not stable
             return UNDECIDED
         return NOT_STABLE if result.claim == "refuted" else STABLE
     return REJECTED if isinstance(result, Rejected) else WRONG

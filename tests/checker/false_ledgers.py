@@ -241,15 +241,15 @@ _set("row_with_position", S, R, "the cube acts on the position", (("model", "ter
 
 # --- deviations
 P = "plant"
-_set("deviation_too_large", P, R, "C beyond the margin", (("deviations", 0, "C", 0, 2), [1, 2]))
+_set("deviation_too_large", P, R, "C beyond the margin", (("deviations", 0, "C", 0, 0, 1), [2, 0]))
 _set("deviation_s_zero", P, R, "s must be positive", (("deviations", 0, "s"), [0, 0]))
 _set("deviation_s_negative", P, R, "s must be positive", (("deviations", 0, "s"), [-1, 0]))
 _set("deviation_s_small", P, R, "s too small for the columns", (("deviations", 0, "s"), [1, -20]))
 _set("deviation_columns", P, R, "the columns a hundredfold", (("deviations", 0, "columns", 0, 0, 1), [100, 0]))
 _set("deviation_epsilon_negative", P, M, "epsilon is not negative", (("deviations", 0, "epsilon"), [-1, 0]))
-_set("deviation_upper_entry", P, M, "i >= j", (("deviations", 0, "C", 0), [0, 1, [1, 0]]))
-_set("deviation_twice", P, M, "each pair once", (("deviations", 0, "C", 1), [0, 0, [1, -4]]))
-_set("deviation_on_input", P, R, "a C on the input beyond Gamma", (("deviations", 0, "C", 1), [4, 4, [1, 40]]))
+_set("deviation_row_falls", P, M, "indices rise", (("deviations", 0, "C", 0), [[1, [1, 0]], [0, [1, 0]]]))
+_set("deviation_beyond", P, M, "no such entry", (("deviations", 0, "C", 1), [[5, [1, -2]]]))
+_set("deviation_on_input", P, R, "a C on the input beyond Gamma", (("deviations", 0, "C", 1), [[4, [1, 20]]]))
 
 # --- constants (practical)
 C = "practical"

@@ -88,7 +88,7 @@ def rated() -> Certificate:
 def plant() -> Certificate:
     """Every plant within .25 |x - x*| of the model in each state, and .125 more."""
     deviation = {
-        "columns": [[[0, [1, 0]]], [[1, [1, 0]]]], "C": [[0, 0, [1, -4]], [1, 1, [1, -4]]], "s": [0, 0],
+        "columns": [[[0, [1, 0]]], [[1, [1, 0]]]], "C": [[[0, [1, -2]]], [[1, [1, -2]]]], "s": [0, 0],
         "epsilon": [1, -3],
     }  # fmt: skip
     return solved(_tanh_sketch(densities=(0, 1), deviations=[deviation]))

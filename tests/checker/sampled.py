@@ -187,8 +187,8 @@ def _worst(look: Sampled, x: Array, v: Array, gradient: Array) -> tuple[Array, f
     zeta = np.concatenate([x, channels, v])
     for deviation in look.content["deviations"]:
         square = number(deviation["epsilon"]) ** 2
-        for i, j, value in deviation["C"]:
-            square += number(value) * zeta[i] * zeta[j] * (1 if i == j else 2)
+        for row in deviation["C"]:
+            square += sum(number(value) * zeta[i] for i, value in row) ** 2
         L = np.zeros((m.n, len(deviation["columns"])))
         for c, row in enumerate(deviation["columns"]):
             for i, value in row:

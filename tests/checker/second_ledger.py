@@ -156,10 +156,9 @@ def _bounds(M: list[Row], data: dict[str, Any], own: int, m: int) -> None:
     for deviation in data["deviations"]:
         s = _dyadic(deviation["s"])
         _require(s > 0 and _dyadic(deviation["epsilon"]) >= 0, "s")
-        for i, j, pair in deviation["C"]:
-            _require(0 <= j <= i < own + m, "C")
-            M[i][j] -= s * _dyadic(pair)
-            M[j][i] -= s * _dyadic(pair) if i != j else 0
+        for listed in deviation["C"]:
+            row = [sum((_dyadic(v) for k, v in listed if k == i), _ZERO) for i in range(own + m)]
+            _add(M, row, row, -s / 2)
         for _ in deviation["columns"]:
             M[place][place] += s
             place += 1

@@ -178,15 +178,16 @@ def _padded(part: Matrix, size: int) -> Matrix:
 
 
 def _bounds(ledger: Ledger, gamma: Matrix, size: int) -> Matrix:
-    """Return the form v'Gamma v + sum s_j (|w_j|^2 - zeta_0'C_j zeta_0)."""
+    """Return the form v'Gamma v + sum s_j (|w_j|^2 - |C_j zeta_0|^2)."""
     own = ledger.entries
     inside = own + ledger.inputs
     known: list[list[Number]] = [[_ZERO] * inside for _ in range(inside)]
     for deviation in ledger.deviations:
-        for (i, j), value in deviation.C.items():
-            known[i][j] -= deviation.s * value
-            if i != j:
-                known[j][i] -= deviation.s * value
+        for row in deviation.C:
+            spend(len(row) ** 2)
+            for i, a in row.items():
+                for j, b in row.items():
+                    known[i][j] -= deviation.s * a * b
     squares = diagonal([deviation.s for deviation in ledger.deviations for _ in deviation.columns])
     corner = blocks([[matrix([[0] * own for _ in range(own)], own), matrix([[0] * ledger.inputs] * own, ledger.inputs)],
                      [matrix([[0] * own] * ledger.inputs, own), gamma]]) + matrix(known, inside)  # fmt: skip

@@ -301,13 +301,7 @@ def _deviation(where: str, value: Any, n: int, size: int) -> Deviation:
     columns = tuple(
         _row(f"{where}.columns[{i}]", row, n) for i, row in enumerate(read_list(f"{where}.columns", value["columns"]))
     )
-    C: dict[tuple[int, int], Fraction] = {}
-    for k, entry in enumerate(read_list(f"{where}.C", value["C"])):
-        i, j, number = read_list(f"{where}.C[{k}]", entry, 3)
-        place = read_index(f"{where}.C[{k}]", i, size), read_index(f"{where}.C[{k}]", j, size)
-        if place[0] < place[1] or place in C:
-            raise FormatError(f"{where}.C[{k}]", "i >= j, and each pair once")
-        C[place] = read_dyadic(f"{where}.C[{k}]", number)
+    C = tuple(_row(f"{where}.C[{i}]", row, size) for i, row in enumerate(read_list(f"{where}.C", value["C"])))
     return Deviation(
         columns, C, read_dyadic(f"{where}.s", value["s"]), _nonnegative(f"{where}.epsilon", value["epsilon"])
     )

@@ -122,7 +122,7 @@ def _finally(ledger: Ledger, proved: Proved) -> str:
 
 
 def _plants(ledger: Ledger) -> str:
-    known = "|w|^2 <= zeta'C zeta + epsilon^2 with the C and epsilon of the file"
+    known = "|w|^2 <= |C zeta|^2 + epsilon^2 with the C and epsilon of the file"
     return (
         f"The deviations are x' = F(x, u) + sum L w(t), {len(ledger.deviations)} of them, each {known}."
         " That a plant obeys these bounds is assumed, not proved."

@@ -84,10 +84,10 @@ class Fact:
 
 @dataclass(frozen=True)
 class Deviation:
-    """L w with |w|^2 <= zeta_0'C zeta_0 + epsilon^2, and its multiplier s."""
+    """L w with |w|^2 <= |C zeta_0|^2 + epsilon^2, C of so many rows, and its multiplier s."""
 
     columns: tuple[Row, ...]
-    C: Mapping[tuple[int, int], Fraction]
+    C: tuple[Row, ...]
     s: Fraction
     epsilon: Fraction
 
