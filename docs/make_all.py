@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import counting_clock
 from snippets import TIME, Block, prepare, run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,5 +45,6 @@ def main(pages: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    counting_clock.install()  # as in the tests that compare
     os.environ["SOURCE_DATE_EPOCH"] = "0"  # no date in pictures
     main(sys.argv[1:])

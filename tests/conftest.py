@@ -1,17 +1,12 @@
-"""Every test runs with the shapes in persid's signatures checked, on one thread, and by a clock that counts.
+"""Every test runs with the shapes in persid's signatures checked, on one thread, and by a clock that counts."""
 
-The clock: a look at `time.perf_counter` is a step of 5 ms, about what it takes on a free machine. So a time limit in a
-test, or in a snippet of the documentation, is a budget of steps: the same on every machine, however busy.
-"""
-
-import itertools
 import json
 import os
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import counting_clock
 import pytest
 from jaxtyping import install_import_hook
 
@@ -22,8 +17,7 @@ if TYPE_CHECKING:
 
 install_import_hook(["persid"], "beartype.beartype")
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the suite takes a process a core
-_looks = itertools.count()
-time.perf_counter = lambda: 0.005 * next(_looks)
+counting_clock.install()
 
 _DATA = SHARED / "data"
 

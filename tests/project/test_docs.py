@@ -125,3 +125,18 @@ def test_api_pages_mirror_the_rooms() -> None:
         entries = re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.M)
         assert entries
         assert all(entry == room or entry.startswith(f"{room}.") for entry in entries)
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("contributing/*.md")), ids=lambda path: path.name)
+def test_files_that_are_named_are_there(page: Path) -> None:
+    """Every file that a page on contributing names by its path is in the repository."""
+    named = re.findall(r"`((?:src|tests|docs|\.ci)/[\w./-]+)`", page.read_text(encoding="utf-8"))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+def test_functions_have_a_place_in_every_file_of_the_list() -> None:
+    """The page on functions is true of softplus: it stands in each file that the page lists, and in no other."""
+    text = (DOCS / "contributing" / "a-function.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| `(src/\S+)`", text, re.M))
+    files = {path for path in (ROOT / "src").rglob("*.py") if '"softplus"' in path.read_text(encoding="utf-8")}
+    assert {path.relative_to(ROOT).as_posix() for path in files} == listed
