@@ -67,6 +67,11 @@ RIGHT = {
     "days and months": ("date,x\n01/02/2024,1\n01/03/2024,2\n", {}, [0, 86400], [1, 2]),
     "dates of any name": ("when,x\n2024-01-01 00:00,1\n2024-01-01 00:01,2\n", {}, [0, 60], [1, 2]),
     "an index without a name": (",x\n2024-01-01 00:00,1\n2024-01-01 00:01,2\n", {}, [0, 60], [1, 2]),
+    "one column of decimal commas": ("x\n1,5\n2,5\n", {"dt": 0.5}, [0, 0.5], [1.5, 2.5]),
+    "quoted decimal commas": ('"t","x"\n"0,5","1,5"\n"1,5","2,5"\n', {}, [0.5, 1.5], [1.5, 2.5]),
+    "a time of two words": ("Elapsed time [s],x\n0,1\n1,2\n", {}, [0, 1], [1, 2]),
+    "lines that end as on old machines": ("t,x\r0,1\r1,2\r", {}, [0, 1], [1, 2]),
+    "a column of texts beside": ('t,x,note\n0,1,start\n1,2,"a, b"\n', {}, [0, 1], [1, 2]),
     "hours": ("t [h],x\n0,1\n0.5,2\n", {}, [0, 1800], [1, 2]),
     "seconds since 1970": ("time,x\n1700000000.25,1\n1700000001.25,2\n", {}, [0, 1], [1, 2]),
     "numbers as names": ("773869,t\n1,0\n2,1\n", {"states": ["773869"]}, [0, 1], [1, 2]),
@@ -124,6 +129,13 @@ def test_rows_are_named_by_their_line(tmp_path):
     text = "Prüfstand\n\n# c\nt;x\n[s];[m]\n0;1\n# d\n1;oops\n2;3\n"
     with pytest.raises(DataError, match="row 8, column 'x': 'oops'"):
         read_measurements(put(tmp_path, text), states=["x"])
+
+
+def test_names_that_come_again_are_refused_where_they_stand(tmp_path):
+    """A second row of names inside a file is named by its line, not taken as a time."""
+    rows = "".join(f"{k},{k}\n" for k in range(5))
+    with pytest.raises(DataError, match="row 7, column 't': 't' is not a time"):
+        read_measurements(put(tmp_path, "t,x\n" + rows + "t,x\n" + rows), states=["x"])
 
 
 def test_open_files_and_pipes_are_read_once(tmp_path):

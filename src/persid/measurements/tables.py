@@ -170,7 +170,9 @@ def _times(table: Table, column: Hashable, columns: Columns, notes: list[str]) -
         _note(notes, f"{table.name}: {str(column).strip()!r} holds one step, {step:g} s, in its first row")
         return np.arange(len(cells)) * step
     t, said = _clock(table, column, columns).seconds(cells)
-    bad = np.flatnonzero(~np.isfinite(t) & (cells.notna().to_numpy() & ~_blank(cells) | (columns.missing == "error")))
+    bad = np.flatnonzero(~np.isfinite(t))
+    if len(bad) and columns.missing != "error":
+        bad = bad[(cells.notna().to_numpy() & ~_blank(cells))[bad]]
     if len(bad):
         place = f"{table.label(int(bad[0]))}, column {str(column).strip()!r}"
         hint = _hint(cells, int(bad[0]))

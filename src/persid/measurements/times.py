@@ -41,7 +41,14 @@ def base_and_unit(name: Any) -> tuple[str, str | None]:
 
 def is_clock(name: Any) -> bool:
     """Whether a column or an index is named as a time is."""
-    return base_and_unit(name)[0].lower().strip(" .:") in NAMES
+    base = base_and_unit(name)[0].lower().strip(" .:")
+    return base in NAMES or _LIKE_TIME.fullmatch(base) is not None
+
+
+_LIKE_TIME = re.compile(
+    r"(elapsed|relative|absolute|local|utc|log|recording|measurement|test|run)[ _-]?time"
+    r"|(time|date)[ _-](stamp|time)|messzeit"
+)
 
 
 def holds_dates(values: Any) -> bool:
@@ -126,7 +133,7 @@ def _read(cells: pd.Series) -> tuple[Float[ndarray, " N"], pd.Series | None]:
         cells = cells.dt.to_timestamp()
     if not holds_dates(cells):
         numbers = cells if _is_number(cells) else pd.to_numeric(cells, errors="coerce")
-        if numbers.notna().sum() >= cells.notna().sum():
+        if 2 * numbers.notna().sum() >= cells.notna().sum():
             return numbers.to_numpy(dtype=float, na_value=np.nan), None
         cells = _parsed(cells)
     if cells.dtype.kind == "M" and cells.dt.tz is not None:

@@ -107,7 +107,8 @@ def _delimiter(lines: Sequence[str]) -> str:
         found = clevercsv.Detector().detect("\n".join(body[:60]) + "\n", delimiters=list(WORDS))
     except (clevercsv.exceptions.Error, IndexError):
         found = None
-    return found.delimiter if found is not None and found.delimiter else ","
+    one_column = "," not in lines[0] and len(lines) > 1 and all(COMMA.fullmatch(line.strip()) for line in lines[1:])
+    return ";" if one_column else found.delimiter if found is not None and found.delimiter else ","
 
 
 def split(line: str, delimiter: str) -> list[str]:
