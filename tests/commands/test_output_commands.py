@@ -74,3 +74,73 @@ def test_a_batch_takes_output_models(found: ps.OutputModel) -> None:
     """certify_many decides output models and files of them."""
     verdicts = ps.certify_many([found, "model.json"], engine=None)
     assert all(verdict.is_certified for verdict in verdicts)
+
+
+def records(folder: Path) -> None:
+    """Two records of a damped oscillator with a soft spring, position measured: one to fit, one to foretell."""
+    A0, force = [[0.0, 1.0], [-1.0, -0.6]], [[0.0], [-1.0]]
+    plant = ps.PersidskiiModel(A0, [("tanh(x)", [[1.0, 0.0]], force)], [[0.0], [2.0]])
+    rng, t = np.random.default_rng(0), np.arange(500) * 0.1
+    for name in ("fit.csv", "test.csv"):
+        u = np.repeat(rng.uniform(-1, 1, 50), 10)[:, None]
+        y = plant.simulate([0.0, 0.0], t, u)[0].x[:, :1] + 0.003 * rng.normal(size=(500, 1))
+        np.savetxt(folder / name, np.column_stack([t, u, y]), delimiter=",", header="t,u,y", comments="")
+
+
+def test_run_goes_from_outputs_to_a_certificate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """persid run --outputs fits, certifies, foretells a file that was kept from the fit, and reports."""
+    monkeypatch.chdir(tmp_path)
+    records(tmp_path)
+    words = [
+        "run",
+        "fit.csv",
+        "--outputs",
+        "y",
+        "--inputs",
+        "u",
+        "--order",
+        "2",
+        "--neurons",
+        "2",
+        "--test",
+        "test.csv",
+    ]
+    assert main([*words, "-o", "out", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdict"] == "certified"
+    assert set(told["output_gains"]) == {"y"}
+    assert told["held_out"]["unseen_r2"] > 0.95
+    assert isinstance(ps.load_model("out/model.json"), ps.OutputModel)
+    assert main(["check", "out/certificate.json", "--model", "out/model.json"]) == 0
+    page = Path("out/report.html").read_text()
+    assert "kept from the fit" in page
+    assert main(["report", "out", "--quiet"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--inputs", "u"], "give --states, or --outputs"),
+        (["--outputs", "y", "--states", "y"], "give --states, or --outputs"),
+        (["--states", "y", "--order", "3"], "--order goes with --outputs"),
+        (["--outputs", "y", "--order", "many"], "neither"),
+        (["--outputs", "q", "--inputs", "u"], "q"),
+        (["--outputs", "still", "--inputs", "u"], "constant"),
+        (["--outputs", "y", "--inputs", "u", "--neurons", "60"], "fewer neurons"),
+        (["--outputs", "y", "--inputs", "u", "--min-rate", "-1"], "min_rate is -1"),
+    ],
+)
+def test_bad_input_of_a_run_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Contradictions, unknown columns, constant outputs and too large models are named, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(60) * 0.1
+    table = np.column_stack([t, np.sin(t), np.cos(t), np.ones(60)])
+    np.savetxt("d.csv", table, delimiter=",", header="t,u,y,still", comments="")
+    assert main(["run", "d.csv", *words, "-o", "out"]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("out").exists()

@@ -27,6 +27,8 @@ from persid.commands.options import (
     batching,
     fit_options,
     fitting,
+    measuring,
+    output_options,
     proving,
     reading,
     refining,
@@ -34,6 +36,7 @@ from persid.commands.options import (
     talking,
     where,
 )
+from persid.commands.outputs import run_outputs
 
 if TYPE_CHECKING:
     from persid.measurements.recordings import Measurements
@@ -41,7 +44,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @MEASUREMENTS
-@reading
+@measuring
 @fitting
 @refining
 @proving
@@ -59,6 +62,8 @@ def run(
     data, --operating-point or --u-op). The folder receives model.json, certificate.json (or witness.json, or
     obstruction.json: why undecided), report.html, figures/ and run.json; older results there are removed. The exit
     code is that of the verdict.
+    With --outputs in place of --states the state counts as unmeasured: order and neurons are chosen by free runs, the
+    model is stable by construction, and every output is bounded in its own unit. Ctrl-C then keeps the best so far.
 
     \b
     Example:
@@ -77,6 +82,14 @@ def run(
 
     talk = Talk(as_json, quiet)
     refuse_unwritable(output)
+    outputs, unmeasured = how.pop("outputs"), output_options(how)
+    if (outputs is None) == (how["states"] is None):
+        raise click.UsageError("give --states, or --outputs where the state was not measured")
+    if outputs is not None:
+        fit_options(how)
+        return run_outputs(data, outputs, unmeasured, how, time_limit, output, _command(), talk)
+    if unmeasured:
+        raise click.UsageError(f"--{next(iter(unmeasured)).replace('_', '-')} goes with --outputs")
     usual = domain == "global" and operating_point is None and u_op is None
     if select and not usual:
         raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
@@ -95,7 +108,7 @@ def run(
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison)
         record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts)
         progress("drawing the report")
-        proof = _deliver(output, Results(made.model, verdict, measured, record))
+        proof = deliver_results(output, Results(made.model, verdict, measured, record))
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
@@ -222,7 +235,7 @@ def _identify(measured: "Measurements", **how: Any) -> Any:
     return PersidskiiIdentifier(**how).fit(measured)
 
 
-def _deliver(output: Path, results: Any) -> str:
+def deliver_results(output: Path, results: Any) -> str:
     """Write all files of a run, or none; return the name of the file that carries the verdict."""
     from persid.reports import layout
     from persid.reports.delivery import delivery

@@ -106,6 +106,19 @@ class Pattern(click.ParamType[Any]):
         return [[part == "1" for part in row] for row in rows]
 
 
+class Auto(click.ParamType[Any]):
+    """A whole number, or "auto"."""
+
+    name = "integer|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the number."""
+        try:
+            return value if value == "auto" else int(value)
+        except ValueError:
+            self.fail(f'{value!r} is neither "auto" nor a whole number', param, ctx)
+
+
 def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def decorate(function: Any) -> Any:
         for option in reversed(options):
@@ -128,8 +141,8 @@ talking = together(
     click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors; the exit code tells the outcome."),
     click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
 )
-reading = together(
-    click.option("--states", type=Names(), required=True, help="Columns of the states, such as x1,x2."),
+states = click.option("--states", type=Names(), required=True, help="Columns of the states, such as x1,x2.")
+columns = together(
     click.option("--inputs", type=Names(), default=[], help="Columns of the inputs, such as u."),
     click.option("--time", metavar="NAME",
                  help='Column of the time, dates or numbers; without it, one named like a time. "t [h]" says the unit '
@@ -142,6 +155,30 @@ reading = together(
     click.option("--na", type=Names(), default=[], help="Values that mean missing, too, such as -9999."),
     click.option("--run-column", "run", metavar="NAME", help="Column that tells runs apart."),
 )  # fmt: skip
+reading = together(states, columns)
+measuring = together(
+    click.option("--states", type=Names(), help="Columns of the states, such as x1,x2."),
+    click.option("--outputs", type=Names(), help="Columns of the outputs, where the state was not measured."),
+    columns,
+    click.option("--order", type=Auto(), help="With --outputs: number of states; by default it is chosen."),
+    click.option("--neurons", type=Auto(), help="With --outputs: number of neurons; by default it is chosen."),
+    click.option("--activation", type=click.Choice(["tanh", "softsign", "arctan"]),
+                 help="With --outputs: the function of the neurons."),
+    click.option("--output-map", type=click.Choice(["abs"]), help="With --outputs: a sensor that ignores the sign."),
+    click.option("--foh", "foh", is_flag=True, help="With --outputs: inputs run in straight lines between samples."),
+    click.option("--min-rate", type=float, help="With --outputs: a rate in 1/s that is to be certified."),
+    click.option("--test", type=click.Path(path_type=Path), multiple=True,
+                 help="With --outputs: a file that is kept from the fit and foretold; may be repeated."),
+)  # fmt: skip
+OUTPUT_OPTIONS = ("order", "neurons", "activation", "output_map", "foh", "min_rate", "test")
+
+
+def output_options(how: dict[str, Any]) -> dict[str, Any]:
+    """Take the options of a fit to inputs and outputs that were given out of all options."""
+    found = {name: how.pop(name) for name in OUTPUT_OPTIONS}
+    return {name: value for name, value in found.items() if value not in (None, (), False)}
+
+
 fitting = together(
     click.option("--functions", type=Functions(), default="x,x**3,sinh(x),tanh(x)", show_default=True,
                  help='Functions of the states; "f,g; h" gives one list a state.'),

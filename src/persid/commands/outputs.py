@@ -1,0 +1,64 @@
+"""What `persid run --outputs` does: a certified model of a system of which only inputs and outputs are measured."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from persid.commands.console import Talk
+from persid.commands.exit_codes import EXIT, uninterrupted, verdict_rows
+
+
+def run_outputs(
+    files: tuple[Path, ...], outputs: list[str], chosen: Mapping[str, Any],
+    reading: Mapping[str, Any], time_limit: float, folder: Path, command: str, talk: Talk,
+) -> int:  # fmt: skip
+    """Fit, certify and report; return the exit code of the verdict."""
+    from persid.certified_fits.outputs import OutputIdentifier
+    from persid.commands.identify import deliver_results
+    from persid.measurements.opening import files_of
+    from persid.measurements.readers import read_measurements
+    from persid.reports import layout
+    from persid.reports.record import Record, sources, versions
+    from persid.reports.results import Results
+    from persid.verdicts.summary import summarize
+
+    how = {**reading, "states": outputs}
+    options, test = (
+        {name: value for name, value in chosen.items() if name not in ("test", "foh")},
+        chosen.get("test", ()),
+    )
+    options["hold"] = "foh" if chosen.get("foh") else "zoh"
+    with talk.progress() as progress:
+        progress("reading the measurements")
+        found = files_of(list(files))
+        kept = files_of(list(test)) if test else []
+        measured = read_measurements(found, **how)
+        unseen = read_measurements(kept, **how) if kept else None
+        fit = OutputIdentifier(**options, time_limit=time_limit).fit(measured, progress=progress)
+        verdict = uninterrupted(fit.verdict_)
+        report = fit.report_
+        notes = [*report.remarks, *(["The search was interrupted; this is the best so far."] * report.interrupted)]
+        compared = {"candidates": [asdict(one) for one in report.candidates], "notes": notes, "unseen": bool(kept)}
+        progress("drawing the report")
+        record = Record(command, sources(kept or found), how, None, verdict.attempts, versions(), compared)
+        proof = deliver_results(folder, Results(fit.model_, verdict, unseen or measured, record))
+    brief = summarize(verdict)
+    paths = {
+        "model": folder / layout.MODEL,
+        "report": folder / layout.REPORT,
+        proof.removesuffix(".json"): folder / proof,
+    }
+    named = {name: str(path) for name, path in paths.items()}
+    one = report.chosen
+    size = f"order {one.order}, {one.neurons} neurons, {len(report.candidates)} candidates"
+    rows = [("data", f"{len(measured)} runs, {measured.samples:,} samples"), ("fit", size)]
+    rows += [
+        ("free run", f"error {report.held_out:.4g} of the outputs' spread, held out (linear model {report.linear:.4g})")
+    ]
+    scores = None if unseen is None else float(fit.score(unseen))
+    rows += [] if scores is None else [("unseen", f"R2 {scores:.4f} on {len(kept)} files kept from the fit")]
+    rows += [*(("note", text) for text in notes), *verdict_rows(verdict), *list(named.items())[1:]]
+    held_out = {"error": report.held_out, "linear": report.linear, "unseen_r2": scores}
+    talk.result(brief.to_dict() | {"held_out": held_out, "notes": notes, "files": named}, rows)
+    return EXIT[brief.verdict]
