@@ -87,6 +87,7 @@ def records(folder: Path) -> None:
         np.savetxt(folder / name, np.column_stack([t, u, y]), delimiter=",", header="t,u,y", comments="")
 
 
+@pytest.mark.long
 def test_run_goes_from_outputs_to_a_certificate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
