@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from persid.verdicts.verdict import Certified
+from persid.verdicts.verdict import Certified, Verdict
 
 UNDER = "under the certificate"  # the fit that is then delivered
 
 
-def caution(verdict: Any, fit: Any, comparison: Any) -> str | None:
+def caution(verdict: Verdict, fit: Any, comparison: Any) -> str | None:
     """Return what must stand beside a certificate of a model that foretells measurements worse than their mean.
 
     `fit` is the report of the free fit, scored on the held-out tail; a model fitted under the certificate is scored by

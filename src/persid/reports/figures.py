@@ -20,6 +20,7 @@ from persid.identification.free_runs import one_step, score
 from persid.measurements.trajectories import Trajectories, Trajectory
 from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
+from persid.verdicts.verdict import Verdict
 
 RUNS, STATES, SAMPLES = 3, 8, 5000  # at most so many are drawn, and said so
 LANES, BARS, MOST_ATTEMPTS, MOST_CANDIDATES = 24, 6, 20, 24
@@ -281,7 +282,7 @@ def candidates(record: Mapping[str, Any] | None) -> list[Drawing]:
     return [Drawing("candidates", figure, caption, caption)]
 
 
-def attempts(verdict: Any) -> list[Drawing]:
+def attempts(verdict: Verdict) -> list[Drawing]:
     """Draw how long each attempt took, where there were several."""
     shown = verdict.attempts[:MOST_ATTEMPTS]
     if len(shown) < 2:

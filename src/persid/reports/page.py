@@ -27,7 +27,7 @@ from persid.reports.output_page import write_output_report
 from persid.reports.results import Results
 from persid.reports.templating import environment
 from persid.verdicts.summary import limits, summarize
-from persid.verdicts.verdict import Certified, Refuted
+from persid.verdicts.verdict import Certified, Refuted, Verdict
 
 CELLS, COLUMNS = 4000, 20  # a larger table of coefficients is left to model.json
 TERMS = 400  # of a model with more terms only the first equations are set
@@ -140,7 +140,7 @@ def _caution(results: Results) -> str | None:
     return caution(results.verdict, record.fit, record.comparison) if record else None
 
 
-def _proven(verdict: Any) -> tuple[Any, str, str]:
+def _proven(verdict: Verdict) -> tuple[Any, str, str]:
     """Return what the checker has accepted (or None), its claim, and the name of its file."""
     if isinstance(verdict, Certified):
         return verdict.certificate, verdict.certificate.claim, CERTIFICATE
@@ -149,7 +149,7 @@ def _proven(verdict: Any) -> tuple[Any, str, str]:
     return verdict.obstruction, "infeasible", INFEASIBLE
 
 
-def _gains(verdict: Any, model: PersidskiiModel) -> list[tuple[str, float]]:
+def _gains(verdict: Verdict, model: PersidskiiModel) -> list[tuple[str, float]]:
     """Return the gain of each input, where the certificate tells them apart."""
     gains = (
         verdict.certificate.gains

@@ -14,7 +14,7 @@ from persid.measurements.trajectories import Trajectory
 from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate
 from persid.reports.figures import Drawing, FreeRun, legend, number, side_by_side
-from persid.verdicts.verdict import Certified
+from persid.verdicts.verdict import Certified, Verdict
 from persid_check import groups
 
 PAIRS, GROUPS = 3, 6  # at most so many planes and groups are drawn
@@ -23,7 +23,7 @@ MOST_STATES = 20  # up to which they are made
 STEPS = 400
 
 
-def of_verdict(verdict: Any, model: PersidskiiModel, runs: Sequence[FreeRun]) -> list[Drawing]:
+def of_verdict(verdict: Verdict, model: PersidskiiModel, runs: Sequence[FreeRun]) -> list[Drawing]:
     """Draw what a certificate claims; without one, how the model moves, with the equilibria of a witness."""
     measured = [run.measured for run in runs]
     if not isinstance(verdict, Certified):
@@ -49,7 +49,7 @@ def _named(kind: str, figure: Any, model: PersidskiiModel, pair: tuple[int, int]
     return Drawing(f"{kind}-{pair[0] + 1}-{pair[1] + 1}", figure, f"Plane of {names}. {caption}", caption)
 
 
-def _equilibria(verdict: Any) -> ndarray | None:
+def _equilibria(verdict: Verdict) -> ndarray | None:
     """Return the proved equilibria that a witness speaks of."""
     witness = getattr(verdict, "witness", None)
     fields = witness.content["witness"] if witness else {}
@@ -57,7 +57,7 @@ def _equilibria(verdict: Any) -> ndarray | None:
     return np.array([[value(pair) for pair in point["x"]] for point in points]) if points else None
 
 
-def _escape(verdict: Any, model: PersidskiiModel) -> Trajectory | None:
+def _escape(verdict: Verdict, model: PersidskiiModel) -> Trajectory | None:
     """Return the run that diverges in the simulations beside an undecided verdict."""
     evidence = getattr(verdict, "evidence", None)
     if evidence is None or not evidence.time or model.n > MOST_STATES:
