@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from persid.certified_fits.identifier import Delivery
+from persid.certified_fits.delivery import Delivery
 
 MODEL = {
     "format": "persid-model-1", "states": ["x1", "x2"], "inputs": ["u"],

@@ -56,7 +56,7 @@ def undecided(monkeypatch: pytest.MonkeyPatch) -> "Undecided":
 
     verdict = Undecided(Reason.STALLED, "Try more ridge.", (Attempt("a look", "stalled", 0.5),))
     monkeypatch.setattr(sys.modules["persid.verdicts.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.certified_fits.identifier.deliver", free_fit_only)
+    monkeypatch.setattr("persid.certified_fits.delivery.deliver", free_fit_only)
     return verdict
 
 

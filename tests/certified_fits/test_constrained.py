@@ -16,8 +16,9 @@ from persid._dyadics import value
 from persid.certified_fits.barrier import State, derivatives
 from persid.certified_fits.bilinear import Point
 from persid.certified_fits.candidates import Candidate, Choice, ranked, rescaled, shown, trials
+from persid.certified_fits.delivery import deliver
 from persid.certified_fits.descent import Stop, descend
-from persid.certified_fits.identifier import CertifiedIdentifier, deliver
+from persid.certified_fits.identifier import CertifiedIdentifier
 from persid.certified_fits.joint_problem import Demand, Frame
 from persid.certified_fits.multistart import damped_linear
 from persid.certified_fits.polish import polish

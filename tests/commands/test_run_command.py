@@ -115,7 +115,7 @@ def test_run_refuted(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     verdict = ps.certify(ps.load_model("unstable.json"))
     assert isinstance(verdict, Refuted)
     monkeypatch.setattr(sys.modules["persid.verdicts.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.certified_fits.identifier.deliver", free_fit_only)
+    monkeypatch.setattr("persid.certified_fits.delivery.deliver", free_fit_only)
     monkeypatch.setattr(fit_commands, "_identify", _identified("unstable.json"))
     assert cli.main(RUN) == 1
     assert "witness.json" in files(here / "out")
@@ -140,7 +140,7 @@ def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     obstruction = ps.Obstruction(data, ps.check(VALID / "infeasible_full.json").statement)  # type: ignore[union-attr]
     verdict = Undecided(Reason.INFEASIBLE, "", (), obstruction)
     monkeypatch.setattr(sys.modules["persid.verdicts.certify"], "certify", lambda model, **how: verdict)
-    monkeypatch.setattr("persid.certified_fits.identifier.deliver", free_fit_only)
+    monkeypatch.setattr("persid.certified_fits.delivery.deliver", free_fit_only)
     monkeypatch.setattr(fit_commands, "_identify", _identified("m.json"))
     (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
     words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]

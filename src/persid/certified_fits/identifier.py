@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,7 +30,7 @@ from persid.certified_fits.candidates import (
     shown,
     trials,
 )
-from persid.certified_fits.comparison import CertifiedReport, comparison
+from persid.certified_fits.comparison import CertifiedReport
 from persid.certified_fits.joint_problem import Demand
 from persid.certified_fits.multistart import Line, Result, Task, best_certified, certificate_of, sketch
 from persid.errors import DataError
@@ -50,39 +50,6 @@ LEAST_RIDGE = 1e-8
 TRIED_STATES = 6  # several ridges are tried up to this many states
 RATING = 10.0  # s, at least, in which a rate and a gain are sought
 GAIN_RATES = (0.5, 0.2, 0.05)  # shares of the linear fit's decay rate at which a gain is asked for
-
-
-@dataclass(frozen=True, eq=False)
-class Delivery:
-    """What a run delivers: a model with its verdict, and the comparison of both fits where there were two."""
-
-    model: PersidskiiModel
-    verdict: Verdict
-    comparison: dict[str, Any] | None = None
-
-
-def deliver(
-    free: Any,
-    verdict: Verdict,
-    data: Trajectories,
-    time_limit: float | int = 60.0,
-    progress: Callable[[str], None] | None = None,
-    select: str | None = None,
-) -> Delivery:
-    """Keep a free fit that is certified globally; else deliver a fit under the certificate where one is found.
-
-    With select="auto" the functions are selected under the certificate in any case.
-    """
-    if select is None and isinstance(verdict, Certified) and verdict.certificate.scope == "global":
-        return Delivery(free.model_, verdict)
-    began = time.perf_counter()
-    fit = CertifiedIdentifier(free, select=select, time_limit=max(time_limit, 1e-3), progress=progress).fit(data)
-    compared = comparison(fit.report_, type(verdict).__name__.lower())
-    if not isinstance(fit.verdict_, Certified):
-        return Delivery(free.model_, verdict, compared)
-    compared["free_model"] = free.model_.to_dict()
-    left = max(time_limit - (time.perf_counter() - began), RATING)
-    return Delivery(fit.model_, rated(fit.model_, fit.verdict_, left, progress), compared)
 
 
 def rated(
@@ -172,6 +139,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         result, history, chosen = found or (None, (), Choice(None, self.free_.ridge_))
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
+        self.functions_ = chosen.functions
         self._deliver(result, data, seconds, outside)
         return self
 

@@ -49,19 +49,28 @@ if TYPE_CHECKING:
 @refining
 @proving
 @click.option("--select", type=click.Choice(["auto"]), help="Search for functions and scales that certify.")
+@click.option(
+    "--price",
+    type=click.FloatRange(1.0),
+    default=2.0,
+    show_default=True,
+    help="A certified fit replaces the free one where its error on held-out data is at most this many times as large.",
+)
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
     data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
-    domain: str, time_limit: float, select: str | None, output: Path, as_json: bool, quiet: bool, **how: Any,
+    domain: str, time_limit: float, select: str | None, price: float, output: Path, as_json: bool, quiet: bool,
+    **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
     Several files are several trajectories of one system. Where the free fit is not certified for all states, it is
-    fitted again under the condition that a certificate exists, and both are reported side by side (not with --domain
-    data, --operating-point or --u-op). The folder receives model.json, certificate.json (or witness.json, or
-    obstruction.json: why undecided), report.html, figures/ and run.json; older results there are removed. The exit
-    code is that of the verdict.
+    fitted again under the condition that a certificate exists (not with --domain data, --operating-point or --u-op).
+    That fit is delivered where it foretells held-out data about as well (--price); otherwise the free model is, with
+    its own verdict, and the certified one is kept in alternative/. The folder receives model.json, certificate.json
+    (or witness.json, or obstruction.json: why undecided), report.html, figures/ and run.json; older results there are
+    removed. The exit code is that of the verdict.
     With --outputs in place of --states the state counts as unmeasured: order and neurons are chosen by free runs, the
     model is stable by construction, and every output is bounded in its own unit. Ctrl-C then keeps the best so far.
 
@@ -69,12 +78,12 @@ def run(
     Example:
       persid run examples/traffic.csv --states x1,x2 --inputs u -o out
     """
-    from persid.certified_fits.identifier import Delivery, deliver
+    from persid.certified_fits.delivery import Delivery, deliver, trial
     from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
-    from persid.reports.comparison import caution, comparison_rows
+    from persid.reports.comparison import alternative_rows, caution, comparison_rows, score_facts, score_rows
     from persid.reports.record import Record, sources, versions
     from persid.reports.results import Results
     from persid.verdicts.certify import certify
@@ -104,19 +113,25 @@ def run(
         keep(fit.model_)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
-        made = deliver(fit, verdict, measured, time_limit, progress, select) if usual else Delivery(fit.model_, verdict)
-        verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison)
+        made = (
+            deliver(fit, verdict, measured, time_limit, progress, select, price)
+            if usual
+            else Delivery(fit.model_, verdict, scores=trial(fit, None, measured).free)
+        )
+        verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts)
         progress("drawing the report")
-        proof = deliver_results(output, Results(made.model, verdict, measured, record))
+        proof = deliver_results(output, Results(made.model, verdict, measured, record), made.alternative)
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
-    rows = [*_data_rows(found, measured), *_fit_rows(fit.report_), *comparison_rows(made.comparison)]
-    beside = caution(verdict, fit.report_, made.comparison)
-    rows += [*verdict_rows(verdict), *([("but", beside)] if beside else []), *list(files.items())[1:]]
-    fits = (made.comparison or {}).get("fits")
-    talk.result(brief.to_dict() | {"caution": beside, "fits": fits, "files": files}, rows)
+    report = fit.report_
+    rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
+    beside = caution(verdict, made.scores)
+    rows += [*_remarks(report), *verdict_rows(verdict), *([("but", beside)] if beside else [])]
+    rows += [*alternative_rows(made), *list(files.items())[1:]]
+    said = {"caution": beside, "fits": (made.comparison or {}).get("fits"), "files": files, **score_facts(made)}
+    talk.result(brief.to_dict() | said | {"notes": list(report.notes), "warnings": list(report.warnings)}, rows)
     return EXIT[brief.verdict]
 
 
@@ -235,19 +250,26 @@ def _identify(measured: "Measurements", **how: Any) -> Any:
     return PersidskiiIdentifier(**how).fit(measured)
 
 
-def deliver_results(output: Path, results: Any) -> str:
-    """Write all files of a run, or none; return the name of the file that carries the verdict."""
+def deliver_results(output: Path, results: Any, beside: Any = None) -> str:
+    """Write all files of a run, or none; return the name of the file that carries the verdict.
+
+    The certified model that was not delivered goes into a folder of its own.
+    """
     from persid.reports import layout
     from persid.reports.delivery import delivery
     from persid.reports.page import write_report
     from persid.reports.verdict_files import write_verdict
 
     stale = [layout.CERTIFICATE, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE, f"{layout.FIGURES}/*.png"]
-    with delivery(output, stale) as stage:
+    with delivery(output, [*stale, f"{layout.ALTERNATIVE}/*.json"]) as stage:
         results.model.save(stage / layout.MODEL)
         proof = write_verdict(stage, results.verdict, results.model)
         results.record.save(stage)
         write_report(results, stage)
+        if beside is not None:
+            (stage / layout.ALTERNATIVE).mkdir()
+            beside.model.save(stage / layout.ALTERNATIVE / layout.MODEL)
+            write_verdict(stage / layout.ALTERNATIVE, beside.verdict, beside.model)
     return proof
 
 
@@ -280,7 +302,11 @@ def _fit_rows(report: Any) -> list[tuple[str, str]]:
         score = report.free_run
         blown = f", {_count(score.blow_ups, 'blow-up')}" if score.blow_ups else ""
         rows += [("free run", f"R2 {score.r2_mean:.4f}, RMSE {score.rmse:.4g} on the held-out tail{blown}")]
-    return [*rows, *(("note", text) for text in report.notes), *(("warning", text) for text in report.warnings)]
+    return [*rows, *_remarks(report)]
+
+
+def _remarks(report: Any) -> list[tuple[str, str]]:
+    return [*(("note", text) for text in report.notes), *(("warning", text) for text in report.warnings)]
 
 
 def _scores(report: Any) -> dict[str, Any]:

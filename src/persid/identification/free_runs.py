@@ -1,6 +1,6 @@
 """Free runs: what a model predicts from a first state and the inputs alone, and the scores that speak of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -9,12 +9,16 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.identification.basis import Basis
+from persid.measurements.moments import Moments, row_moments
 from persid.measurements.trajectories import Trajectories, Trajectory
 
 Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u
 
+STILL = 1e-12  # a state that moves by less than this share of its size is at rest
 REACH = 10.0  # a free run is stopped this many widths of the data outside their box
 MOST_SUBSTEPS = 8
+FINER = (2, 4, 8, 16, 32)  # Runge-Kutta steps of a sample that scores try
+CLOSE, EXACT = 0.05, 1e-9  # steps are short enough when halving them changes less of the error, or of the deviation
 
 
 @runtime_checkable
@@ -29,8 +33,10 @@ class Simulator(Protocol):
 class Score:
     """How well free runs follow the data. `r2` is about one mean of all states together, `r2_states` one a state.
 
-    `rmse` is in state units over all states and samples; `diverged_at` and `stopped_at` hold a time in s, or None, for
-    each run (of its blow-up; or at which the integrator's budget was used up with the state still bounded).
+    Where a record is given, R2 is against the spread of all of it: what is left of a tail at rest is noise, and noise
+    over noise says nothing. `rmse` is in state units over all states and samples, `rmse_states` one a state;
+    `diverged_at` and `stopped_at` hold a time in s, or None, for each run (of its blow-up; or at which the integrator's
+    budget was used up with the state still bounded).
     """
 
     rmse: float
@@ -38,6 +44,7 @@ class Score:
     r2_states: tuple[float, ...]
     diverged_at: tuple[float | None, ...] = ()
     stopped_at: tuple[float | None, ...] = ()
+    rmse_states: tuple[float, ...] = ()
 
     @property
     def blow_ups(self) -> int:
@@ -60,18 +67,22 @@ def score(
     guess: Float[ndarray, "N n"],
     diverged: tuple[float | None, ...] = (),
     stopped: tuple[float | None, ...] = (),
+    record: Moments | None = None,
 ) -> Score:
-    """Return RMSE and both readings of R2 of a prediction."""
-    error = ((truth - guess) ** 2).sum(axis=0)
-    spread = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
-    pooled = float(((truth - truth.mean()) ** 2).sum())
-    states = tuple(_r2(float(e), float(s)) for e, s in zip(error, spread, strict=True))
-    rmse = float(np.sqrt(error.sum() / truth.size))
-    return Score(rmse, _r2(float(error.sum()), pooled), states, diverged, stopped)
+    """Return RMSE and both readings of R2 of a prediction, about the mean of the truth or of a whole record."""
+    about = row_moments(truth) if record is None else record
+    error, spread = ((truth - guess) ** 2).mean(axis=0), about.deviation**2
+    pooled = float((spread + (about.mean - about.mean.mean()) ** 2).mean())
+    still = (STILL * np.maximum(np.abs(about.low), np.abs(about.high))) ** 2
+    states = tuple(_r2(float(e), float(s), float(f)) for e, s, f in zip(error, spread, still, strict=True))
+    mean = float(error.mean())
+    r2, each = _r2(mean, pooled, float(still.max())), tuple(np.sqrt(error).tolist())
+    return Score(float(np.sqrt(mean)), r2, states, diverged, stopped, each)
 
 
-def _r2(error: float, spread: float) -> float:
-    return 1 - error / spread if spread > 0 else float(error == 0)
+def _r2(error: float, spread: float, still: float) -> float:
+    """Return 1 - error / spread; where nothing moves there is nothing to foretell, and it is 1 or 0."""
+    return 1 - error / spread if spread > still else float(error <= still)
 
 
 def box(data: Trajectories) -> Float[ndarray, "n 2"]:
@@ -80,12 +91,16 @@ def box(data: Trajectories) -> Float[ndarray, "n 2"]:
     return np.column_stack([low.min(axis=0), high.max(axis=0)])
 
 
-def free_run_score(model: Simulator, data: Trajectories, hold: str = "zoh", past: int = 1) -> Score:
+def free_run_score(
+    model: Simulator, data: Trajectories, hold: str = "zoh", past: int = 1, record: Moments | None = None
+) -> Score:
     """Simulate every run from its first `past` states and compare; where it ends early, its last state counts on.
+
+    `record` are the moments of the states of a whole record of which the runs are parts, see `Score`.
 
     Paper: the RMSE and R2 of Sec. 4 (pooled over states and samples).
     """
-    low, high = _reach(box(data))
+    low, high = _reach(box(data) if record is None else record.box)
     truth, guess, diverged, stopped = [], [], [], []
     for run in data:
         start = run.x[0] if past == 1 else run.x[:past]
@@ -95,7 +110,7 @@ def free_run_score(model: Simulator, data: Trajectories, hold: str = "zoh", past
         guess.append(np.clip(filled, low, high)[past - 1 :])
         diverged.append(found.diverged_at)
         stopped.append(found.stopped_at)
-    return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged), tuple(stopped))
+    return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged), tuple(stopped), record)
 
 
 def input_signal(t: ndarray, u: ndarray, hold: str) -> Any:
@@ -142,22 +157,65 @@ def batch_errors(
     """
     s, k, p, n = thetas.shape
     flat = thetas.reshape(s * k, p, n)
-    low, high = _reach(limits)
     width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
-    truth, u = (np.repeat(np.stack([getattr(piece, a) for piece in pieces]), k, axis=0) for a in ("x", "u"))
-    h = np.repeat(np.stack([np.diff(piece.t) for piece in pieces]), k, axis=0)
+    t, truth, u = (np.repeat(part, k, axis=0) for part in _stacked(pieces))
     # The scale of `rhs` decides how many Runge-Kutta steps a sample needs.
     rhs = _batch_rhs(basis, flat)
-    substeps = _substeps(basis, flat, truth[:, 0], float(np.median(h)))
-    x, error, out = truth[:, 0], np.zeros(s * k), np.zeros(s * k, bool)
+    substeps = _substeps(basis, flat, truth[:, 0], float(np.median(np.diff(t))))
+    guess, out = _side_by_side(rhs, truth[:, 0], t, u, hold, substeps, _reach(limits))
+    error = (((guess - truth) / width) ** 2).mean(axis=2)[:, 1:].mean(axis=1)
+    return error.reshape(s, k), out.reshape(s, k)
+
+
+def _stacked(pieces: Sequence[Trajectory]) -> tuple[ndarray, ndarray, ndarray]:
+    return tuple(np.stack([getattr(piece, name) for piece in pieces]) for name in ("t", "x", "u"))  # type: ignore[return-value]
+
+
+def _side_by_side(
+    rhs: Callable[[ndarray, ndarray], ndarray],
+    x: ndarray,
+    t: ndarray,
+    u: ndarray,
+    hold: str,
+    substeps: int,
+    reach: tuple[ndarray, ndarray],
+) -> tuple[ndarray, ndarray]:
+    """Run s simulations with times t (s, N) and inputs u (s, N, m) at once; return states (s, N, n) and who ran away.
+
+    What leaves the reach goes on along its edge.
+    """
+    h, out, states = np.diff(t), np.zeros(len(x), bool), [x]
     with np.errstate(all="ignore"):
         for j in range(h.shape[1]):
             after = u[:, j] if hold == "zoh" else u[:, j + 1]
             moved = np.nan_to_num(_advance(rhs, x, h[:, j : j + 1], u[:, j], after, substeps), nan=np.inf)
-            out |= ((moved < low) | (moved > high)).any(axis=1)
-            x = np.where(out[:, None], np.clip(moved, low, high), moved)
-            error += (((x - truth[:, j + 1]) / width) ** 2).mean(axis=1)
-    return (error / h.shape[1]).reshape(s, k), out.reshape(s, k)
+            out |= ((moved < reach[0]) | (moved > reach[1])).any(axis=1)
+            x = np.where(out[:, None], np.clip(moved, *reach), moved)
+            states.append(x)
+    return np.stack(states, axis=1), out
+
+
+def restarted(
+    model: Any, pieces: Sequence[Trajectory], hold: str, record: Moments
+) -> tuple[Float[ndarray, "s N n"], ndarray]:
+    """Run a model freely over each of s equally long pieces at once; return its states and which runs ran away.
+
+    Runge-Kutta steps are halved until that changes nothing that counts; a stiff model is followed piece by piece.
+    """
+    t, truth, u = _stacked(pieces)
+    size = np.where(record.deviation > 0, record.deviation, 1.0)
+    reach = _reach(record.box)
+    coarse, lost = _side_by_side(model.rhs, truth[:, 0], t, u, hold, 1, reach)
+    for substeps in FINER:
+        fine, out = _side_by_side(model.rhs, truth[:, 0], t, u, hold, substeps, reach)
+        kept = ~(out | lost)
+        changed, error = (np.abs((fine - other)[kept] / size) for other in (coarse, truth))
+        if (out == lost).all() and np.max(changed, initial=0) <= max(CLOSE * np.max(error, initial=0), EXACT):
+            return fine, out
+        coarse, lost = fine, out
+    found = [model.simulate(p.x[0], p.t, input_signal(p.t, p.u, hold))[0] for p in pieces]
+    full = [np.vstack([f.x, np.repeat(f.x[-1:], len(p) - len(f), axis=0)]) for f, p in zip(found, pieces, strict=True)]
+    return np.clip(np.stack(full), *reach), np.array([len(f) < len(p) for f, p in zip(found, pieces, strict=True)])
 
 
 def _batch_rhs(basis: Basis, thetas: ndarray) -> Rate:

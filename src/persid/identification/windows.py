@@ -1,6 +1,7 @@
 """Windows: over how many samples the states outrun their measurement noise."""
 
 import numpy as np
+from jaxtyping import Float
 from numpy import ndarray
 
 from persid.measurements.recordings import Measurements, Part, lengths, segments
@@ -28,8 +29,13 @@ def choose_window(data: Measurements) -> int:
     return window
 
 
-def _moves_enough(runs: list[ndarray], window: int) -> bool:
+def noise_of(runs: list[ndarray]) -> Float[ndarray, " n"]:
+    """Return the standard deviation of every state's measurement noise, read off third differences."""
     noise = np.concatenate([np.diff(x, 3, axis=0) for x in runs if len(x) > 3] or [np.zeros((1, runs[0].shape[1]))])
+    return np.sqrt((noise**2).mean(axis=0) / 20)
+
+
+def _moves_enough(runs: list[ndarray], window: int) -> bool:
     moves = np.concatenate([x[window:] - x[:-window] for x in runs if len(x) > window])
-    sigma = np.sqrt((noise**2).mean(axis=0) / 20)
+    sigma = noise_of(runs)
     return bool((np.sqrt((moves**2).mean(axis=0)) >= NOISE_RATIO * sigma).all())

@@ -1,31 +1,67 @@
-"""reports.comparison."""
+"""Comparison: what stands beside a verdict, the scores of the very model and the fit that was not delivered."""
 
 from typing import Any
 
-import numpy as np
-
+from persid.identification.scores import Scores
 from persid.verdicts.verdict import Certified, Verdict
 
-UNDER = "under the certificate"  # the fit that is then delivered
+UNDER = "under the certificate"
 
 
-def caution(verdict: Verdict, fit: Any, comparison: Any) -> str | None:
-    """Return what must stand beside a certificate of a model that foretells measurements worse than their mean.
-
-    `fit` is the report of the free fit, scored on the held-out tail; a model fitted under the certificate is scored by
-    its free runs over the data (`comparison`).
-    """
-    if not isinstance(verdict, Certified):
+def caution(verdict: Verdict, scores: Scores | None) -> str | None:
+    """Return what must stand beside a certificate of a model that is not shown to foretell; None where all is well."""
+    if not isinstance(verdict, Certified) or scores is None or not scores.doubts:
         return None
-    under = next((one for one in (comparison or {}).get("fits", ()) if one["name"] == UNDER), None)
-    if under is not None:
-        r2, where = float(np.mean(under["r2"])), "in free runs over the data"
-    elif fit is not None and fit.free_run is not None:
-        r2, where = fit.free_run.r2_mean, "on the held-out tail"
-    else:
+    return f"{'; '.join(scores.doubts)}: the proof is about the model, not about the plant"
+
+
+def score_rows(made: Any) -> list[tuple[str, str]]:
+    """Return rows: how the delivered model foretells data that it has not seen, and the free fit beside it."""
+    if made.scores is None:
+        return []
+    rows = [("foretells", f"{scored(made.scores)}, on {made.scores.basis}")]
+    if made.scores.headline is not made.scores.whole:
+        rows.append(("free run", f"{_figures(made.scores.whole)} over all of it"))
+    if made.free_scores is not None and made.free_scores is not made.scores:
+        rows.append(("free fit", f"{scored(made.free_scores)}, on the same"))
+    return rows
+
+
+def scored(scores: Scores) -> str:
+    """Return the headline figures of scores, with their horizon."""
+    return f"{_figures(scores.headline)} over {scores.headline.length}"
+
+
+def _figures(row: Any) -> str:
+    blown = f", {row.blow_ups} of {row.runs} runs blow up" if row.blow_ups else ""
+    return f"R2 {row.r2_mean:.4f}, error {max(row.percent):.2g} % of the range{blown}"
+
+
+def score_facts(made: Any) -> dict[str, Any]:
+    """Return the scores of the delivered model and of the free fit, and the price, for programs."""
+    facts: dict[str, Any] = {"scores": _facts(made.scores), "free_scores": _facts(made.free_scores)}
+    facts["price"] = (made.comparison or {}).get("price")
+    return facts
+
+
+def _facts(scores: Scores | None) -> dict[str, Any] | None:
+    if scores is None:
         return None
-    worse = f"{where} the model is worse than the mean (R2 {r2:.2g}): the proof is about the model, not about the plant"
-    return worse if r2 < 0 else None
+    rows = [
+        {"steps": r.steps, "seconds": r.seconds, "r2": r.r2_mean, "rmse": list(r.rmse), "percent": list(r.percent)}
+        | {"r2_states": list(r.r2), "runs": r.runs, "blow_ups": r.blow_ups, "free_run": r.whole}
+        for r in scores.rows
+    ]
+    return {"on": scores.basis, "unseen": scores.unseen, "headline": scores.place, "rows": rows}
+
+
+def alternative_rows(made: Any) -> list[tuple[str, str]]:
+    """Return the row of a certified model that was not delivered, with its price."""
+    if made.alternative is None:
+        return []
+    price = made.alternative.price
+    why = "no such fit without the held-out data" if price is None else f"error on held-out data times {price:.3g}"
+    return [("beside it", f"a certified model, {why}: alternative/model.json, certificate.json")]
 
 
 def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
@@ -34,6 +70,4 @@ def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
     for fit in comparison["fits"] if comparison else ():
         blown = f", {fit['blow_ups']} runs blow up" if fit["blow_ups"] else ""
         rows.append((f"fit {fit['name']}", f"{fit['verdict']}; free run RMSE {fit['rmse']:.4g}{blown}"))
-    if comparison and comparison["price"] is not None:
-        rows.append(("price", f"the certified model's RMSE is {comparison['price']:.3f} times the free one's"))
     return rows

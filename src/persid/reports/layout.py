@@ -3,3 +3,4 @@
 MODEL, RECORD, REPORT, FIGURES = "model.json", "run.json", "report.html", "figures"
 CERTIFICATE, WITNESS, OBSTRUCTION = "certificate.json", "witness.json", "obstruction.json"
 INFEASIBLE = "infeasible.json"  # the proof of an obstruction, where there is one
+ALTERNATIVE = "alternative"  # the certified model that was not delivered

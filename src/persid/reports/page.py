@@ -20,7 +20,7 @@ from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
-from persid.reports.comparison import caution
+from persid.reports.comparison import caution, scored
 from persid.reports.figures import Drawing, FreeRun
 from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS
 from persid.reports.output_page import write_output_report
@@ -110,6 +110,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         brief=summarize(verdict),
         headline=verdict.headline,
         caution=_caution(results),
+        foretold=_foretold(results),
         limits=limits(verdict, model),
         certificate=verdict.certificate if isinstance(verdict, Certified) else None,
         gains=_gains(verdict, model),
@@ -135,9 +136,14 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
     )
 
 
+def _foretold(results: Results) -> str | None:
+    scores = results.record.scores if results.record else None
+    return scored(scores) if scores else None
+
+
 def _caution(results: Results) -> str | None:
     record = results.record
-    return caution(results.verdict, record.fit, record.comparison) if record else None
+    return caution(results.verdict, record.scores) if record else None
 
 
 def _proven(verdict: Verdict) -> tuple[Any, str, str]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from persid.errors import FolderError
 from persid.identification.diagnostics import FitReport
+from persid.identification.scores import Scores
 from persid.measurements.readers.sources import Content, sha256
 from persid.reports.layout import RECORD
 from persid.reports.objects import read_object, restored, write_object
@@ -31,7 +32,8 @@ class Source:
 class Record:
     """How the results of a run came about. `reading` holds the options of `read_csv`.
 
-    `comparison` sets the free fit and the one under the certificate side by side, where both were made.
+    `comparison` sets the free fit and the one under the certificate side by side, where both were made; `scores` are
+    the delivered model's on data that it has not seen.
     """
 
     command: str
@@ -41,6 +43,7 @@ class Record:
     attempts: tuple[Attempt, ...]
     versions: Mapping[str, str]
     comparison: Mapping[str, Any] | None = None
+    scores: Scores | None = None
 
     def save(self, folder: Path) -> None:
         """Write run.json; paths of measurements are kept absolute."""
