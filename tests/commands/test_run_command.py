@@ -1,11 +1,13 @@
 """The commands run and report: what they deliver, and that they deliver all of it or nothing."""
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import persid as ps
@@ -228,3 +230,28 @@ def test_shown_bounds_are_rounded_outwards(number: float, low: str, high: str) -
     assert float(below(number)) <= number <= float(above(number))
     assert float(below(number)) == pytest.approx(float(low), rel=1e-9)
     assert float(above(number)) == pytest.approx(float(high), rel=1e-3)
+
+
+def test_run_of_an_unstable_plant_under_feedback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The verdict, exit code and scores are the free model's; the certified substitute lies beside, priced."""
+    rng, x, rows = np.random.default_rng(0), 0.1, ["t,x,u"]
+    for k in range(600):
+        u = -2 * x + rng.choice([-1, 1])
+        rows.append(f"{k * 0.05},{x},{u}")
+        x = (x + u) * math.exp(0.05) - u
+    monkeypatch.chdir(tmp_path)
+    Path("data.csv").write_text("\n".join(rows) + "\n")
+    words = ["run", "data.csv", "--time", "t", "--states", "x", "--inputs", "u", "-o", "out", "--json"]
+    assert cli.main(words) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found["verdict"], found["scores"]["unseen"]) == ("refuted", True)
+    assert found["scores"]["rows"][found["scores"]["headline"]]["r2"] > 0.99
+    assert found["price"] > 2
+    assert {"model.json", "witness.json", "alternative/model.json", "alternative/certificate.json"} <= files(
+        Path("out")
+    )
+    assert cli.main(["check", "out/alternative/certificate.json"]) == 0
+    assert "the certified one is kept beside it" in Path("out/report.html").read_text()
+    assert cli.main(["report", "out"]) == 0

@@ -15,6 +15,7 @@ from scipy.sparse import csc_array
 import persid as ps
 from persid import plots
 from persid.commands.exit_codes import verdict_rows
+from persid.identification.scores import Ahead, Scores
 from persid.models import mathml
 from persid.reports import layout
 from persid.reports import page as report
@@ -201,22 +202,28 @@ def test_page_sets_both_fits_and_the_candidates_side_by_side(certified: Results)
     assert {"fits", "candidates"} <= set(re.findall(r'id="(\w+)-figure_1"', text))
 
 
-def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified: Results) -> None:
-    """At the head of the page stands that the model is worse than the mean, of the fit that was delivered."""
-    record = certified.record
-    assert record is not None
-    assert record.fit is not None
-    assert record.fit.free_run is not None
-    assert "worse than the mean" not in report.render(certified)
-    poor = replace(record, fit=replace(record.fit, free_run=replace(record.fit.free_run, r2_states=(-0.5, 0.36))))
-    assert "on the held-out tail the model is worse than the mean (R2 -0.07)" in report.render(
-        replace(certified, record=poor)
+def foretold(r2: float, unseen: bool = True) -> Scores:
+    """Scores of one free run with an R2 of both states, where the mean is the forecast to beat."""
+    error = math.sqrt(1 - r2)
+    row = Ahead(64, 6.4, 3, (0.1, 0.2), (1.0, 2.0), (r2, r2), error, 0, whole=True)
+    return Scores(
+        "the last 20 % of every run, held out", unseen, ("x1", "x2"), (row,), 0, (("the mean", 1.0),), 0.01, 1.0
     )
-    fits = [{"name": "free", "r2": [-2.0, 0.0]}, {"name": "under the certificate", "r2": [0.5, 0.5]}]
-    assert caution(certified.verdict, poor.fit, {"fits": fits}) is None
-    fits[1]["r2"] = [-2.0, 1.0]
-    assert "in free runs over the data" in (caution(certified.verdict, record.fit, {"fits": fits}) or "")
-    assert caution(Undecided(Reason.STALLED), poor.fit, None) is None
+
+
+def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified: Results) -> None:
+    """The page is green only where the delivered model foretells; else its head says what is wrong, in amber."""
+    assert certified.record is not None
+    good, poor, seen = (
+        report.render(replace(certified, record=replace(certified.record, scores=scores)))
+        for scores in (foretold(0.98), foretold(-0.5), foretold(0.98, unseen=False))
+    )
+    assert "foretells the states with R2 0.9800" in good
+    assert 'class="verdict certified"' in good
+    assert "the model foretells less than the mean (R2 -0.5)" in poor
+    assert "nothing was held out" in seen
+    assert all('class="verdict certified doubtful"' in page for page in (poor, seen))
+    assert caution(Undecided(Reason.STALLED), foretold(-0.5)) is None
 
 
 @pytest.mark.parametrize(
