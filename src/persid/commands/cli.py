@@ -11,6 +11,7 @@ from persid.commands.certify import certify, check
 from persid.commands.console import complain
 from persid.commands.exit_codes import DONE, EXIT_CODES, explain
 from persid.commands.identify import bootstrap, identify, run
+from persid.commands.score import score
 from persid.commands.show import completion, report, simulate
 from persid.commands.study import study
 
@@ -47,7 +48,7 @@ def persid(ctx: click.Context, version: bool) -> int:
     return DONE
 
 
-for command in (run, identify, certify, check, simulate, report, bootstrap, study, completion):
+for command in (run, identify, certify, check, score, simulate, report, bootstrap, study, completion):
     persid.add_command(command)
 
 

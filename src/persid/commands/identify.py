@@ -4,6 +4,7 @@ import json
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,14 +55,14 @@ if TYPE_CHECKING:
     type=click.FloatRange(1.0),
     default=2.0,
     show_default=True,
-    help="A certified fit replaces the free one where its error on held-out data is at most this many times as large.",
+    help="Times the free fit's error on held-out data that a certified fit may have to replace it.",
 )
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
     data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
-    domain: str, time_limit: float, select: str | None, price: float, output: Path, as_json: bool, quiet: bool,
-    **how: Any,
+    domain: str, time_limit: float, select: str | None, price: float, test: tuple[Path, ...],
+    output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -79,6 +80,7 @@ def run(
       persid run examples/traffic.csv --states x1,x2 --inputs u -o out
     """
     from persid.certified_fits.delivery import Delivery, deliver, trial
+    from persid.commands.score import unseen_scores
     from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
@@ -96,10 +98,12 @@ def run(
         raise click.UsageError("give --states, or --outputs where the state was not measured")
     if outputs is not None:
         fit_options(how)
-        return run_outputs(data, outputs, unmeasured, how, time_limit, output, _command(), talk)
+        return run_outputs(data, outputs, unmeasured, how, time_limit, output, _command(), talk, test)
     if unmeasured:
         raise click.UsageError(f"--{next(iter(unmeasured)).replace('_', '-')} goes with --outputs")
     usual = domain == "global" and operating_point is None and u_op is None
+    if test and (how["derivatives"] or how["delays"]):
+        raise click.UsageError("--test does not go with --derivatives and --delays; use persid score on embedded files")
     if select and not usual:
         raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
     chosen = fit_options(how)
@@ -118,6 +122,11 @@ def run(
             if usual
             else Delivery(fit.model_, verdict, scores=trial(fit, None, measured).free)
         )
+        if test:
+            reading = {**how, "hold": fit.hold}
+            mine = unseen_scores(made.model, test, **reading)
+            other = mine if made.model is fit.model_ else unseen_scores(fit.model_, test, **reading)
+            made = replace(made, scores=mine, free_scores=other)
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts)
         progress("drawing the report")

@@ -168,9 +168,9 @@ measuring = together(
     click.option("--foh", "foh", is_flag=True, help="With --outputs: inputs run in straight lines between samples."),
     click.option("--min-rate", type=float, help="With --outputs: a rate in 1/s that is to be certified."),
     click.option("--test", type=click.Path(path_type=Path), multiple=True,
-                 help="With --outputs: a file that is kept from the fit and foretold; may be repeated."),
+                 help="A file that is kept from the fit and foretold by the delivered model; may be repeated."),
 )  # fmt: skip
-OUTPUT_OPTIONS = ("order", "neurons", "activation", "output_map", "foh", "min_rate", "test")
+OUTPUT_OPTIONS = ("order", "neurons", "activation", "output_map", "foh", "min_rate")
 
 
 def output_options(how: dict[str, Any]) -> dict[str, Any]:

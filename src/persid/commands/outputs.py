@@ -1,6 +1,6 @@
 """What `persid run --outputs` does: a certified model of a system of which only inputs and outputs are measured."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from persid.commands.exit_codes import EXIT, uninterrupted, verdict_rows
 
 def run_outputs(
     files: tuple[Path, ...], outputs: list[str], chosen: Mapping[str, Any],
-    reading: Mapping[str, Any], time_limit: float, folder: Path, command: str, talk: Talk,
+    reading: Mapping[str, Any], time_limit: float, folder: Path, command: str, talk: Talk, test: Sequence[Path] = (),
 ) -> int:  # fmt: skip
     """Fit, certify and report; return the exit code of the verdict."""
     from persid.certified_fits.outputs import OutputIdentifier
@@ -24,10 +24,7 @@ def run_outputs(
     from persid.verdicts.summary import summarize
 
     how = {**reading, "states": outputs}
-    options, test = (
-        {name: value for name, value in chosen.items() if name not in ("test", "foh")},
-        chosen.get("test", ()),
-    )
+    options = {name: value for name, value in chosen.items() if name != "foh"}
     options["hold"] = "foh" if chosen.get("foh") else "zoh"
     with talk.progress() as progress:
         progress("reading the measurements")

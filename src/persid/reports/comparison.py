@@ -39,12 +39,12 @@ def _figures(row: Any) -> str:
 
 def score_facts(made: Any) -> dict[str, Any]:
     """Return the scores of the delivered model and of the free fit, and the price, for programs."""
-    facts: dict[str, Any] = {"scores": _facts(made.scores), "free_scores": _facts(made.free_scores)}
-    facts["price"] = (made.comparison or {}).get("price")
-    return facts
+    price = (made.comparison or {}).get("price")
+    return {"scores": facts(made.scores), "free_scores": facts(made.free_scores), "price": price}
 
 
-def _facts(scores: Scores | None) -> dict[str, Any] | None:
+def facts(scores: Scores | None) -> dict[str, Any] | None:
+    """Return scores in plain numbers: what they are on, every horizon, and which row is the headline."""
     if scores is None:
         return None
     rows = [

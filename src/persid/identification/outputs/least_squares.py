@@ -128,6 +128,7 @@ class Task:
     substeps: int = 2
     tolerance: float = TOLERANCE
 
+    @np.errstate(over="ignore")  # a step too far costs infinitely much
     def penalty(self, latent: Latent, ridge: ndarray) -> Float[ndarray, " K"]:
         """Return what the ridge adds to the cost."""
         return 0.5 * (ridge * theta_of(latent) ** 2).sum(1)

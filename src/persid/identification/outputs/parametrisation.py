@@ -46,6 +46,7 @@ class Proved:
     valid: ndarray
 
 
+@np.errstate(all="ignore")  # what overflows is not valid, and costs infinitely much
 def proved(shape: Shape, v: Float[ndarray, "K p"]) -> tuple[Proved, Float[ndarray, "K p d"]]:
     """Return the models of the parameters and the derivative of (A, A1, R) by every parameter.
 
