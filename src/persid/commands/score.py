@@ -27,7 +27,7 @@ def score(model: Path, data: tuple[Path, ...], as_json: bool, quiet: bool, **how
 
     \b
     Example:
-      persid score out/model.json monday.csv tuesday.csv
+      persid score model.json examples/traffic.csv
     """
     from persid.models.model import PersidskiiModel
     from persid.reports.comparison import facts, scored
