@@ -381,3 +381,14 @@ def test_the_pendulum_and_the_rig_are_identified(measurements):
     report = PersidskiiIdentifier(derivatives=1).fit(qube).report_
     assert report.free_run.r2_states[0] > 0.95
     assert report.free_run.blow_ups == 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"), [(-1.0, 3.0, 0.0), (0.0, 2.0, 0.0), (1.0, 3.0, 2.0), (0.1, 0.3, 0.2)]
+)
+def test_the_nominal_input_is_one_that_occurs(low, high, expected):
+    """It is 0 where the input takes values on both sides of 0, else the mean, however near 0 that is."""
+    t = np.arange(101.0)
+    u = np.linspace(low, high, 101)[:, None]
+    data = Trajectories.from_arrays([np.sin(t)[:, None]], t=[t], u=[u])
+    assert make_basis(data, ["x"]).u_ref == pytest.approx([expected])

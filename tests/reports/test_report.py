@@ -226,6 +226,19 @@ def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified
     assert caution(Undecided(Reason.STALLED), foretold(-0.5)) is None
 
 
+def test_a_point_outside_the_data_is_cautioned_against() -> None:
+    """A claim about an equilibrium that the data never came near says so; about one that they hold, it says nothing."""
+    model = ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]], b=[-49.0])
+    verdict, t = ps.certify(model), np.linspace(0, 1, 50)
+    near, far = (
+        ps.Trajectories.from_arrays([(centre + np.sin(9 * t))[:, None]], t=[t], u=[np.cos(t)[:, None] - 0.5])
+        for centre in (-49.0, 60.0)
+    )
+    assert isinstance(verdict, Certified)
+    assert caution(verdict, foretold(0.98), near) is None
+    assert caution(verdict, foretold(0.98), far) == "x* = (-49) lies outside the range of the data"
+
+
 @pytest.mark.parametrize(
     ("name", "attempts", "why"),
     [

@@ -136,7 +136,7 @@ def run(
     files = {name: str(path) for name, path in paths.items()}
     report = fit.report_
     rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
-    beside = caution(verdict, made.scores)
+    beside = caution(verdict, made.scores, measured)
     rows += [*_remarks(report), *verdict_rows(verdict), *([("but", beside)] if beside else [])]
     rows += [*alternative_rows(made), *list(files.items())[1:]]
     said = {"caution": beside, "fits": (made.comparison or {}).get("fits"), "files": files, **score_facts(made)}

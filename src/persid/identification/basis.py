@@ -181,7 +181,7 @@ def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", sc
     linear = tuple(any(scalar_function(f).is_linear for f in names) for names in lists)
     depth = max(len(row) for row in parsed)
     terms = tuple(tuple(row[j] if j < len(row) else None for row in parsed) for j in range(depth))
-    return Basis(data.states, data.inputs, linear, terms, reference, reference_point(u), sizes)
+    return Basis(data.states, data.inputs, linear, terms, reference, typical_input(u), sizes)
 
 
 def _per_state(functions: Functions, n: int) -> list[list[str]]:
@@ -223,6 +223,13 @@ def reference_point(x: Moments) -> Float[ndarray, " k"]:
     rounded = np.array([round(value, -int(place)) for value, place in zip(x.mean, digit, strict=True)])
     near = (low - (high - low) <= 0) & (high + (high - low) >= 0)
     return np.where(near, 0.0, np.where(high > low, rounded, x.mean))
+
+
+def typical_input(u: Moments) -> Float[ndarray, " m"]:
+    """Return an input that occurs: 0 where it lies in the range of the data, else the mean, rounded where it can be."""
+    rounded = reference_point(u)
+    inside = (u.low <= rounded) & (rounded <= u.high)
+    return np.where((u.low <= 0) & (u.high >= 0), 0.0, np.where(inside, rounded, u.mean))
 
 
 def _powers_of_two(reach: ndarray) -> ndarray:

@@ -1,18 +1,40 @@
 """Comparison: what stands beside a verdict, the scores of the very model and the fit that was not delivered."""
 
+from collections.abc import Iterator
 from typing import Any
 
+from persid.certificates.certificate import Certificate
 from persid.identification.scores import Scores
+from persid.measurements.recordings import Measurements, moments
 from persid.verdicts.verdict import Certified, Verdict
 
 UNDER = "under the certificate"
 
 
-def caution(verdict: Verdict, scores: Scores | None) -> str | None:
-    """Return what must stand beside a certificate of a model that is not shown to foretell; None where all is well."""
-    if not isinstance(verdict, Certified) or scores is None or not scores.doubts:
+def caution(verdict: Verdict, scores: Scores | None, data: Measurements | None = None) -> str | None:
+    """Return what must stand beside a certificate; None where all is well.
+
+    The model may not be shown to foretell, or the claim may be about a point that does not occur in the data.
+    """
+    if not isinstance(verdict, Certified):
         return None
-    return f"{'; '.join(scores.doubts)}: the proof is about the model, not about the plant"
+    found = list(_outside(verdict, data)) if data is not None else []
+    if scores is not None and scores.doubts:
+        found.append(f"{'; '.join(scores.doubts)}: the proof is about the model, not about the plant")
+    return "; ".join(found) or None
+
+
+def _outside(verdict: Certified, data: Measurements) -> Iterator[str]:
+    """Say which of x* and u* lie outside the range of the data by more than a tenth of it: decays end beside it."""
+    certificate, found = verdict.certificate, moments(data)
+    if not isinstance(certificate, Certificate) or certificate.content.get("operating_point") is None:
+        return
+    n, slack = len(data.states), 0.1 * (found.high - found.low)
+    low, high = found.low - slack, found.high + slack
+    for name, point, part in (("x*", certificate.operating_point, slice(n)), ("u*", certificate.input, slice(n, None))):
+        if not ((low[part] <= point) & (point <= high[part])).all():
+            shown = ", ".join(f"{value:.3g}" for value in point)
+            yield f"{name} = ({shown}) lies outside the range of the data"
 
 
 def score_rows(made: Any) -> list[tuple[str, str]]:

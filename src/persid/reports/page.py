@@ -143,7 +143,7 @@ def _foretold(results: Results) -> str | None:
 
 def _caution(results: Results) -> str | None:
     record = results.record
-    return caution(results.verdict, record.scores) if record else None
+    return caution(results.verdict, record.scores, results.data) if record else None
 
 
 def _proven(verdict: Verdict) -> tuple[Any, str, str]:
