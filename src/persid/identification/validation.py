@@ -1,4 +1,9 @@
-"""Blocked validation: the strength of the ridge is chosen by free runs on blocks that the fit has not seen."""
+"""Blocked validation: the strength of the ridge is chosen by free runs on blocks that the fit has not seen.
+
+Free runs of several lengths start again and again along each block. An error beyond the spread of the data counts as
+that spread: where an unstable plant outruns every model the long runs say nothing and the short ones decide, and where
+a slow one hides in its noise the long ones do.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,25 +17,30 @@ from numpy import ndarray
 
 from persid.identification.free_runs import batch_errors
 from persid.identification.gram import Gram
-from persid.measurements.recordings import Measurements, Part, lengths, segments
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.recordings import Measurements, Part, lengths, moments, segments
+from persid.measurements.trajectories import Trajectories
 
 STRENGTHS = 10.0 ** np.arange(-8, 0.1, 0.5)
 FOLDS = 5
 SHORTEST = 8  # samples: shorter parts of a run are neither left out nor held out
+HORIZONS = (8, 32, 128, 512)  # steps of a free run between two restarts
 LONGEST_RUN = 1000  # samples of one validating free run
+PIECES = 10  # of one length, at least, that validate, and at most four times as many where they are short
 MOST_WORK = 2e9  # products in all validating free runs together
 TOLERANCE = 1.02  # the strongest ridge within 2 % of the best error is taken
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Free-run error against ridge strength: RMSE in widths of the data (geometric mean
-    over the left-out blocks), and the share of runs that blew up."""
+    """Free-run error against ridge strength: RMSE in widths of the data (geometric mean over the left-out blocks and
+    the horizons, each error counted up to the spread of the data), and the share of runs that blew up.
+
+    `horizons` are the steps of the free runs."""
 
     strengths: tuple[float, ...]
     errors: tuple[float, ...]
     blow_ups: tuple[float, ...]
+    horizons: tuple[int, ...] = ()
 
     @property
     def best(self) -> float:
@@ -111,12 +121,30 @@ def validation_curve(
         rest = everything - gram
         if rest.rows > 0:
             paths[fold] = rest.path(STRENGTHS)
-    pieces, owners = _pieces(data, [part for part in chosen if part.fold in paths], everything)
-    thetas = np.stack([paths[fold] for fold in owners])
-    errors, out = batch_errors(everything.basis, thetas, pieces, limits, hold)
-    # The geometric mean: a block that no model can foretell (a transient seen once) does not drown the others.
-    rms = np.exp(0.5 * np.log(np.maximum(errors, np.finfo(float).tiny)).mean(axis=0))
-    return Curve(tuple(STRENGTHS.tolist()), tuple(rms.tolist()), tuple(out.mean(axis=0).tolist()))
+    chosen = [part for part in chosen if part.fold in paths]
+    worth = _worth(data, limits)
+    logs, out, horizons = [], [], _horizons(chosen, everything)
+    for steps in horizons:
+        cut = _pieces(chosen, steps, everything)
+        thetas = np.stack([paths[part.fold] for part in cut])
+        errors, away = batch_errors(everything.basis, thetas, segments(data, cut), limits, hold)
+        errors = np.maximum(errors, np.finfo(float).tiny)
+        # What is worth less than the mean counts as the mean; 1/e + 1/worth, so that better is still better.
+        errors = 1 / (1 / errors + 1 / worth)
+        # The geometric mean: a block that no model can foretell (a transient seen once) does not drown the others.
+        owners = np.array([part.fold for part in cut])
+        logs += [np.log(errors[owners == fold].mean(axis=0)) for fold in np.unique(owners)]
+        out.append(away.mean(axis=0))
+    rms, gone = np.exp(0.5 * np.mean(logs, axis=0)), np.mean(out, axis=0)
+    return Curve(tuple(STRENGTHS.tolist()), tuple(rms.tolist()), tuple(gone.tolist()), horizons)
+
+
+def _worth(data: Measurements, limits: Float[ndarray, "n 2"]) -> float:
+    """Return the squared error of the mean as a forecast, each state measured by its width."""
+    width = limits[:, 1] - limits[:, 0]
+    deviation = moments(data).of(slice(len(data.states))).deviation
+    moving = width > 0
+    return float(((deviation[moving] / width[moving]) ** 2).sum() / len(width)) if moving.any() else 1.0
 
 
 def total(grams: Sequence[Gram]) -> Gram:
@@ -124,11 +152,18 @@ def total(grams: Sequence[Gram]) -> Gram:
     return reduce(add, grams)
 
 
-def _pieces(data: Measurements, parts: list[Part], gram: Gram) -> tuple[list[Trajectory], list[int]]:
-    """Choose equally long pieces of the left-out blocks, as many and as long as the allowed work admits."""
-    parts = [parts[k] for k in np.unique(np.linspace(0, len(parts) - 1, min(len(parts), 2 * FOLDS)).astype(int))]
-    work = len(STRENGTHS) * gram.H.size * len(parts)
-    longest = int(max(SHORTEST, min(LONGEST_RUN, MOST_WORK / work)))
-    length = min(longest, min(part.stop - part.start for part in parts))
-    chosen = [Part(p.run, p.start, p.start + length, p.fold) for p in parts]
-    return segments(data, chosen), [p.fold for p in chosen]
+def _horizons(parts: Sequence[Part], gram: Gram) -> tuple[int, ...]:
+    """Return the steps of the validating free runs: a ladder up to the typical block, or what the work admits."""
+    longest = int(np.median([part.stop - part.start for part in parts])) - 1
+    admitted = int(MOST_WORK / (len(STRENGTHS) * gram.H.size * PIECES))
+    longest = max(SHORTEST - 1, min(longest, LONGEST_RUN, admitted))
+    return (*(steps for steps in HORIZONS if 2 * steps <= longest), longest)
+
+
+def _pieces(parts: Sequence[Part], steps: int, gram: Gram) -> list[Part]:
+    """Choose pieces of `steps` steps, one behind the other along the blocks, evenly as many as the work admits."""
+    every = [
+        Part(p.run, a, a + steps + 1, p.fold) for p in parts for a in range(p.start, p.stop - steps, max(steps, 1))
+    ]
+    most = int(np.clip(MOST_WORK / (len(STRENGTHS) * gram.H.size * steps), PIECES, 4 * PIECES))
+    return [every[k] for k in np.unique(np.linspace(0, len(every) - 1, min(len(every), most)).astype(int))]
