@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from persid.errors import DataError, UnderdeterminedError
 from persid.identification.basis import make_basis
@@ -392,3 +393,17 @@ def test_the_nominal_input_is_one_that_occurs(low, high, expected):
     u = np.linspace(low, high, 101)[:, None]
     data = Trajectories.from_arrays([np.sin(t)[:, None]], t=[t], u=[u])
     assert make_basis(data, ["x"]).u_ref == pytest.approx([expected])
+
+
+def test_an_unstable_plant_under_feedback_keeps_its_fit() -> None:
+    """Long free runs of an unstable plant say nothing about a ridge: the short ones choose a weak one."""
+    rng, x, rows, h = np.random.default_rng(0), np.array([0.1, 0.0]), [], 0.02
+    rise = expm(np.array([[0, 1, 0], [20, 0, -5], [0, 0, 0]]) * h)  # phi'' = 20 phi - 5 u, u held
+    for _ in range(1500):
+        u = 8 * x[0] + 2 * x[1] + 0.5 * rng.choice([-1, 1])
+        rows.append((*x, u))
+        x = (rise @ [*x, u])[:2]
+    values = np.array(rows)
+    fit = PersidskiiIdentifier().fit(Trajectories.from_arrays(values[:, :2], values[:, 2:], dt=h))
+    assert fit.ridge_ < 1e-3
+    assert fit.model_.jacobian(np.zeros(2))[1, 0] == pytest.approx(20, rel=0.05)
