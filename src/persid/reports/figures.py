@@ -183,7 +183,7 @@ def validation(fit: FitReport) -> list[Drawing]:
     best = int(np.argmin(curve.errors))
     caption = (
         f"Error of free runs on blocks that the fit had not seen, for every strength of the ridge. The strongest ridge "
-        f"within 2 % of the smallest error is {number(curve.best, 3)}; used: {number(fit.ridge, 3)}."
+        f"within 5 % of the smallest error is {number(curve.best, 3)}; used: {number(fit.ridge, 3)}."
     )
     alt = (
         f"Validation curve over ridge {curve.strengths[0]:.0e} to {curve.strengths[-1]:.0e}: the error is "
