@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from persid.certified_fits.bootstrap import Bootstrap as Bootstrap
     from persid.certified_fits.bootstrap import bootstrap as bootstrap
     from persid.certified_fits.identifier import CertifiedIdentifier as CertifiedIdentifier
+    from persid.certified_fits.outputs import OutputIdentifier as OutputIdentifier
     from persid.errors import DataError as DataError
     from persid.errors import GeneratorError as GeneratorError
     from persid.errors import ModelError as ModelError
@@ -53,6 +54,7 @@ _HOMES = {
     "persid.verdicts.verdict": ("Certified", "Refuted", "Undecided"),
     "persid.verdicts.checking": ("check", "load_certificate"),
     "persid.certified_fits.identifier": ("CertifiedIdentifier",),
+    "persid.certified_fits.outputs": ("OutputIdentifier",),
     "persid.models.equations": ("equations",),
     "persid.lyapunov.operating_points": ("OperatingPoint", "find_operating_point"),
     "persid.errors": (
@@ -93,6 +95,7 @@ __all__ = [
     "NetworkCertificate",
     "Obstruction",
     "OperatingPoint",
+    "OutputIdentifier",
     "OutputModel",
     "PersidError",
     "PersidskiiIdentifier",

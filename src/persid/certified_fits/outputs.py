@@ -66,6 +66,15 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     compare: also fit the chosen size without the condition, for `report_.price`.
     time_limit: seconds for the proof, beyond the fit's own.
 
+    Example:
+        >>> import numpy as np
+        >>> import persid as ps
+        >>> t, u = 0.1 * np.arange(200), np.sign(np.sin(0.7 * np.arange(200)))[:, None]
+        >>> y = ps.PersidskiiModel([[-1.0]], [], [[1.0]]).simulate([0.0], t, u)[0].x
+        >>> fit = ps.OutputIdentifier(order=1, neurons=0, time_limit=0).fit(y, u=u, dt=0.1)
+        >>> fit.verdict_.is_certified, np.allclose(fit.fit_.A, -1.0, rtol=1e-3)
+        (True, True)
+
     After `fit`: model_ (OutputModel), fit_ (StableFit), verdict_, certificate_ (None where there is none), report_.
     """
 
