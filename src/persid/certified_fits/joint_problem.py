@@ -20,7 +20,7 @@ from persid.identification.structure import Structure
 from persid.lyapunov.inequality import assemble
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import NEGLIGIBLE, Chosen, Lyapunov
-from persid.lyapunov.sectors import Curve, Group, Place, groups, nondecreasing_pool, pool
+from persid.lyapunov.sectors import Curve, Group, Place, groups, nondecreasing_facets, pool
 from persid.lyapunov.system import (
     Family,
     Multipliers,
@@ -169,7 +169,7 @@ class Frame:
         count = next((k for n, k in FORMS.items() if self.gram.H.shape[1] <= n), FEWEST_FORMS)
         found = []
         for group in self.groups:
-            candidates = nondecreasing_pool(group.curve)
+            candidates = nondecreasing_facets(group.curve)
             if self.anchor is not None:
                 candidates = (*pool(group.curve)[:count], *candidates[: count // 2])
             unique = list(dict.fromkeys(candidates))[: count if self.anchor is None else 3 * count // 2]
@@ -191,7 +191,7 @@ class Frame:
         """The constants c of the forms, by curve: 1 for nondecreasing forms, 1/2 for y, none (NaN) for others."""
         found = {}
         for group, forms in zip(self.groups, self.forms, strict=True):
-            steady = set(nondecreasing_pool(group.curve))
+            steady = set(nondecreasing_facets(group.curve))
             c = np.array([1.0 if tuple(form) in steady else np.nan for form in forms.tolist()])
             found[group.curve] = np.where((forms[:, 1:] == 0).all(axis=1), 0.5, c)
         return found

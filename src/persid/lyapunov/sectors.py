@@ -24,6 +24,7 @@ from persid_check.prover import prove_nondecreasing, prove_sector_form
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
 
+ALIKE = 1e-4  # a cosine this near to one: a facet that only relaxes an exact form
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
 LOOSE = 2.0**-8  # the same for nondecreasing forms, whose proof takes about 1 / sqrt(LOOSE) pieces
 RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
@@ -257,8 +258,15 @@ def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
 
 
 @lru_cache(maxsize=512)
+def nondecreasing_facets(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return facets of the conic hull of the slopes phi'(y), each relaxed a little: room for a fit to move in."""
+    return _relaxed_facets(curve, POOL_SIZE // 3, slopes=True)
+
+
+@lru_cache(maxsize=512)
 def nondecreasing_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
-    """Return candidate nondecreasing forms: exact ones, then facets of the conic hull of the slopes phi'(y).
+    """Return candidate nondecreasing forms: facets of the conic hull of the slopes phi'(y), the most different
+    ones first, and exact ones in place of those that only relax them.
 
     They are sector forms under every shift, and their integral is at most y l'phi(y).
     """
@@ -267,7 +275,15 @@ def nondecreasing_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
         curve.domain is None and curve.size == 2 and len(exact) == 2
     ):  # these two are all the facets that the curve of a single function has
         return exact
-    return tuple(dict.fromkeys([*exact, *_relaxed_facets(curve, POOL_SIZE // 3, slopes=True)]))
+    facets = nondecreasing_facets(curve)
+    return (*(form for form in facets if not _is_near(form, exact, sizes(curve))), *exact)
+
+
+def _is_near(form: tuple[float, ...], others: tuple[tuple[float, ...], ...], unit: ndarray) -> bool:
+    """Whether a form is one of the others but for its relaxation: two almost alike cost steps and prove no more."""
+    mine, rows = np.array(form) * unit, np.array(others).reshape(-1, len(unit)) * unit
+    lengths = np.linalg.norm(rows, axis=1) * np.linalg.norm(mine)
+    return bool((rows @ mine >= (1 - ALIKE) * lengths).any())
 
 
 def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
