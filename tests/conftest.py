@@ -64,5 +64,5 @@ def undecided(monkeypatch: pytest.MonkeyPatch) -> "Undecided":
 def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report without figures, where a test is about something else."""
     monkeypatch.setattr(
-        "persid.reports.page.write_report", lambda results, stage: (stage / "report.html").write_text("page")
+        "persid.reports.folder.write_report", lambda results, stage: (stage / "report.html").write_text("page")
     )

@@ -86,6 +86,7 @@ def run(
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
     from persid.reports.comparison import alternative_rows, caution, comparison_rows, score_facts, score_rows
+    from persid.reports.folder import write_folder
     from persid.reports.record import Record, sources, versions
     from persid.reports.results import Results
     from persid.verdicts.certify import certify
@@ -130,7 +131,7 @@ def run(
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts)
         progress("drawing the report")
-        proof = deliver_results(output, Results(made.model, verdict, measured, record), made.alternative)
+        proof = write_folder(output, Results(made.model, verdict, measured, record), made.alternative)
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
@@ -257,29 +258,6 @@ def _identify(measured: "Measurements", **how: Any) -> Any:
     from persid.identification.identifier import PersidskiiIdentifier
 
     return PersidskiiIdentifier(**how).fit(measured)
-
-
-def deliver_results(output: Path, results: Any, beside: Any = None) -> str:
-    """Write all files of a run, or none; return the name of the file that carries the verdict.
-
-    The certified model that was not delivered goes into a folder of its own.
-    """
-    from persid.reports import layout
-    from persid.reports.delivery import delivery
-    from persid.reports.page import write_report
-    from persid.reports.verdict_files import write_verdict
-
-    stale = [layout.CERTIFICATE, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE, f"{layout.FIGURES}/*.png"]
-    with delivery(output, [*stale, f"{layout.ALTERNATIVE}/*.json"]) as stage:
-        results.model.save(stage / layout.MODEL)
-        proof = write_verdict(stage, results.verdict, results.model)
-        results.record.save(stage)
-        write_report(results, stage)
-        if beside is not None:
-            (stage / layout.ALTERNATIVE).mkdir()
-            beside.model.save(stage / layout.ALTERNATIVE / layout.MODEL)
-            write_verdict(stage / layout.ALTERNATIVE, beside.verdict, beside.model)
-    return proof
 
 
 def _command() -> str:

@@ -15,10 +15,10 @@ def run_outputs(
 ) -> int:  # fmt: skip
     """Fit, certify and report; return the exit code of the verdict."""
     from persid.certified_fits.outputs import OutputIdentifier
-    from persid.commands.identify import deliver_results
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
+    from persid.reports.folder import write_folder
     from persid.reports.record import Record, sources, versions
     from persid.reports.results import Results
     from persid.verdicts.summary import summarize
@@ -39,7 +39,7 @@ def run_outputs(
         compared = {"candidates": [asdict(one) for one in report.candidates], "notes": notes, "unseen": bool(kept)}
         progress("drawing the report")
         record = Record(command, sources(kept or found), how, None, verdict.attempts, versions(), compared)
-        proof = deliver_results(folder, Results(fit.model_, verdict, unseen or measured, record))
+        proof = write_folder(folder, Results(fit.model_, verdict, unseen or measured, record))
     brief = summarize(verdict)
     paths = {
         "model": folder / layout.MODEL,

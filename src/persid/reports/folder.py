@@ -1,0 +1,29 @@
+"""The folder of a run: all its files are written, or none."""
+
+from pathlib import Path
+from typing import Any
+
+from persid.reports import layout
+from persid.reports.delivery import delivery
+from persid.reports.page import write_report
+from persid.reports.results import Results
+from persid.reports.verdict_files import write_verdict
+
+
+def write_folder(output: Path, results: Results, beside: Any = None) -> str:
+    """Write all files of a run, or none; return the name of the file that carries the verdict.
+
+    The certified model that was not delivered goes into a folder of its own.
+    """
+    stale = [layout.CERTIFICATE, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE, f"{layout.FIGURES}/*.png"]
+    with delivery(output, [*stale, f"{layout.ALTERNATIVE}/*.json"]) as stage:
+        results.model.save(stage / layout.MODEL)
+        proof = write_verdict(stage, results.verdict, results.model)
+        if results.record is not None:
+            results.record.save(stage)
+        write_report(results, stage)
+        if beside is not None:
+            (stage / layout.ALTERNATIVE).mkdir()
+            beside.model.save(stage / layout.ALTERNATIVE / layout.MODEL)
+            write_verdict(stage / layout.ALTERNATIVE, beside.verdict, beside.model)
+    return proof
