@@ -19,6 +19,7 @@ from command_line import MODEL, RUN, files, raising
 from persid.commands import cli
 from persid.commands import console as talk
 from persid.commands import identify as fit_commands
+from persid.reports import folder
 from persid.verdicts.verdict import Reason, Undecided
 from places import ROOT, TRAFFIC, VALID
 
@@ -224,7 +225,7 @@ def test_a_finished_fit_survives_an_interruption(
     search = sys.modules["persid.verdicts.certify"]
     for place, stop in (
         ((search, "certify"), lambda *a, **k: Undecided(Reason.INTERRUPTED)),
-        ((sys.modules["persid.reports.page"], "write_report"), raising(KeyboardInterrupt())),
+        ((folder, "write_report"), raising(KeyboardInterrupt())),
     ):
         with monkeypatch.context() as patch:
             patch.setattr(*place, stop)
