@@ -92,4 +92,8 @@ def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
     for fit in comparison["fits"] if comparison else ():
         blown = f", {fit['blow_ups']} runs blow up" if fit["blow_ups"] else ""
         rows.append((f"fit {fit['name']}", f"{fit['verdict']}; free run RMSE {fit['rmse']:.4g}{blown}"))
+    if comparison and comparison.get("free_model") and comparison["price"] is not None:
+        rows.append(
+            ("price", f"the certified fit's error on held-out data is {comparison['price']:.3g} times the free one's")
+        )
     return rows
