@@ -27,8 +27,8 @@ HORIZONS = (8, 32, 128, 512)  # steps of a free run between two restarts
 LONGEST_RUN = 1000  # samples of one validating free run
 PIECES = 10  # of one length, at least, that validate, and at most four times as many where they are short
 MOST_WORK = 2e9  # products in all validating free runs together
-# The strongest ridge within 5 % of the best error is taken. Set by trial on the traffic data, not derived: there 2 % gave
-# errors of .0118 for .0122 (d1) and .0067 for .0074 (d2), and took the gain of the certificate from 2 to 13.
+# The strongest ridge within 5 % of the best error is taken. Set by trial on the traffic data, not derived: there 2 %
+# gave errors of .0118 for .0122 (d1) and .0067 for .0074 (d2), and took the gain of the certificate from 2 to 13.
 TOLERANCE = 1.05
 
 
