@@ -30,7 +30,7 @@ def slow(session: nox.Session) -> None:
 @nox.session
 def lint(session: nox.Session) -> None:
     """Look at style, types and the order of the rooms."""
-    session.install("-e", ".[lint]")
+    session.install("-e", ".[test,lint]")  # the tests' libraries have the types
     for command in ("ruff check .", "ruff format --check .", "mypy", "lint-imports"):
         session.run(*command.split())
 
