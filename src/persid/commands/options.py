@@ -71,7 +71,7 @@ class Ridge(ParamType):
             self.fail(f'{value!r} is neither "auto" nor a number', param, ctx)
 
 
-class Count(click.ParamType[Any]):
+class Count(ParamType):
     """A whole number."""
 
     def __init__(self, name: str) -> None:
@@ -82,10 +82,10 @@ class Count(click.ParamType[Any]):
         return click.INT.convert(value, param, ctx)
 
 
-class Given(click.ParamType[Any]):
+class Given(ParamType):
     """A value of another type, or "auto"."""
 
-    def __init__(self, kind: click.ParamType[Any]) -> None:
+    def __init__(self, kind: ParamType) -> None:
         self.kind, self.name = kind, f"{kind.name}|auto"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -93,7 +93,7 @@ class Given(click.ParamType[Any]):
         return value if value == "auto" else self.kind.convert(value, param, ctx)
 
 
-class Pattern(click.ParamType[Any]):
+class Pattern(ParamType):
     """Rows of 0 and 1, separated by semicolons."""
 
     name = "rows"
@@ -106,7 +106,7 @@ class Pattern(click.ParamType[Any]):
         return [[part == "1" for part in row] for row in rows]
 
 
-class Auto(click.ParamType[Any]):
+class Auto(ParamType):
     """A whole number, or "auto"."""
 
     name = "integer|auto"
