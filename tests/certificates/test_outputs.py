@@ -255,6 +255,7 @@ def test_the_latent_gain_is_not_shown(with_density: tuple[ps.OutputModel, Certif
     assert f"{certificate.output_gains[0]:.3g}"[:3] in certificate.statement
 
 
+@pytest.mark.long
 def test_the_unit_of_an_output_scales_its_bound_alone() -> None:
     """An output in millivolts has a thousand times the gain, whatever the coordinates of the states."""
     found, certificate = certified(2)

@@ -81,6 +81,7 @@ def test_a_certifiable_fit_is_kept():
     assert fit.report_.price < 1.05
 
 
+@pytest.mark.long
 def test_a_fit_that_is_not_stable_is_made_so():
     """Data of a system with two stable equilibria still give a certified model, and the report states the price."""
     free = PersidskiiIdentifier(["x", "x**3"], ridge=1e-6)
@@ -110,6 +111,7 @@ def test_certified_or_plainly_not(seed, functions):
         assert "No certified model was found" in str(fit.verdict_)
 
 
+@pytest.mark.long
 def test_saved_floats_are_those_that_were_certified(tmp_path):
     """The model that is read back from its file is the model of the certificate."""
     fit = usual()
@@ -145,6 +147,7 @@ PENDULUM = PersidskiiModel(
 )  # fmt: skip
 
 
+@pytest.mark.long
 def test_regions_are_certified():
     """With scope="regional" the claim is about the box of the data: with scaled rows, inputs and a rate; it holds."""
     u = 0.4 * np.repeat(np.random.default_rng(0).normal(size=30), 20)[:, None]
@@ -167,6 +170,7 @@ def test_regions_are_certified():
     assert V.max() <= level
 
 
+@pytest.mark.long
 def test_fixed_coefficients_stay():
     """A known coefficient is exactly the number that was given, in a certified model."""
     fit = CertifiedIdentifier(
@@ -295,6 +299,7 @@ def test_delivered_fits_have_a_rate():
     assert made.comparison["free_model"] == free.model_.to_dict() != made.model.to_dict()
 
 
+@pytest.mark.long
 def test_starts_from_afar():
     """The damped linear fit is feasible from the start, whatever the functions."""
     for full in (True, False):
@@ -303,6 +308,7 @@ def test_starts_from_afar():
         assert descend(frame.inequality, frame.fit, point).point is not None
 
 
+@pytest.mark.long
 def test_the_descent_is_monotone():
     """The centres' fits fall from one to the next, and the end is strictly feasible."""
     frame = frame_of(anchor=np.zeros(2))
@@ -337,6 +343,7 @@ def test_derivatives_of_the_barrier(demand, full_P):
     assert change == pytest.approx(H @ d, rel=1e-4, abs=1e-5 * np.abs(H @ d).max())
 
 
+@pytest.mark.long
 def test_the_convex_step_against_a_library():
     """With (P, mu) held the fit is a semidefinite program; Clarabel finds nothing better than the descent."""
     cvxpy = pytest.importorskip("cvxpy")
@@ -427,6 +434,7 @@ def test_functions_that_end_need_a_region() -> None:
     assert not fit.history_
 
 
+@pytest.mark.long
 def test_a_fit_that_explains_its_samples_is_polished_too() -> None:
     """EDMD with x alone leaves no residual in its generator; its free runs become better under the certificate."""
     data = read_csv(TRAFFIC, states=["x1", "x2"], inputs=["u"])

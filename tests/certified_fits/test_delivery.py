@@ -42,6 +42,7 @@ def pendulum(x: ndarray, u: ndarray) -> ndarray:
     return np.array([x[1], -np.sin(x[0]) - 0.3 * x[1] + u[0]])
 
 
+@pytest.mark.long
 def test_an_unstable_plant_under_feedback_is_refuted_and_its_substitute_kept_beside() -> None:
     """The free model is delivered as not stable, though a certified fit exists; that one stands beside it, priced."""
     made = handed_over(unstable())
@@ -54,6 +55,7 @@ def test_an_unstable_plant_under_feedback_is_refuted_and_its_substitute_kept_bes
     assert made.scores.headline.r2_mean > 0.99
 
 
+@pytest.mark.long
 def test_a_price_that_is_allowed_delivers_the_certified_fit() -> None:
     """Whoever allows any price gets the certified model, with its own scores."""
     data = unstable()
@@ -66,6 +68,7 @@ def test_a_price_that_is_allowed_delivers_the_certified_fit() -> None:
     assert made.scores.headline.error > 2 * made.free_scores.headline.error
 
 
+@pytest.mark.long
 def test_several_equilibria_leave_the_region_of_the_named_one() -> None:
     """A pendulum is not stable from everywhere: the free model is certified in the region about its named point."""
     data = simulated(pendulum, [[2.5, 0], [-1, 1.5], [1, -0.5]], lambda x, rng: rng.uniform(-0.2, 0.2), 0.1, 150)

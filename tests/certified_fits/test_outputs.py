@@ -28,6 +28,7 @@ def test_a_linear_system_is_recovered_and_certified():
     assert fit.score(data) > 0.999
 
 
+@pytest.mark.long
 def test_a_nonlinear_system_with_two_inputs_and_three_outputs_is_foretold():
     """A saturating system of two inputs and three outputs is certified and foretells a run it has not seen."""
     model = ps.PersidskiiModel(

@@ -143,6 +143,7 @@ _JSON = st.recursive(
 
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from(sorted(named.MAKERS)), st.integers(0, 10**9), _JSON)
+@pytest.mark.long
 def test_replaced_values_never_crash_the_checker(name: str, seed: int, value: object) -> None:
     """A valid certificate with any value replaced by any JSON is answered, and not accepted with a changed shape."""
     certificate, choose = named.load(name), random.Random(seed)

@@ -41,6 +41,7 @@ def _mutated(names: tuple[str, ...], share: float, seed: int) -> tuple[int, int]
     return total, accepted
 
 
+@pytest.mark.long
 def test_accepted_mutants_are_true_along_the_model() -> None:
     """Of a sample of changed numbers, every ledger that is still accepted holds at sampled states and inputs."""
     total, accepted = _mutated(known_ledgers.NAMES, 0.01, seed=1)
@@ -127,6 +128,7 @@ def _scalars(count: int, seed: int) -> Counter[str]:
     return counts
 
 
+@pytest.mark.long
 def test_accepted_scalar_models_are_stable() -> None:
     """Of random models of one state with random forms, every one that is accepted is input-to-state stable."""
     counts = _scalars(60, seed=1)
@@ -191,6 +193,7 @@ def _families(count: int, seed: int) -> Counter[str]:
     return counts
 
 
+@pytest.mark.long
 def test_accepted_models_of_several_states_are_stable() -> None:
     """Of random models of known truth, only stable ones are accepted, and each ledger holds at sampled states."""
     counts = _families(24, seed=1)
@@ -282,6 +285,7 @@ def _costly() -> Iterator[tuple[str, bytes]]:
 
 
 @pytest.mark.parametrize(("name", "content"), [pytest.param(*each, id=each[0]) for each in _costly()])
+@pytest.mark.long
 def test_time_and_memory_are_bounded_by_the_length(name: str, content: bytes) -> None:
     """A file made to be costly is answered within 20 microseconds and 400 bytes for each of its bytes, and a base."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

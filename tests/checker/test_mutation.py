@@ -33,6 +33,7 @@ def test_valid_certificates_have_no_fault(name: str) -> None:
     assert faults(named.load(name)) == []
 
 
+@pytest.mark.long
 def test_accepted_mutants_still_prove_true_claims() -> None:
     """Of a sample of mutants, every one that is accepted withstands the independent look."""
     total, accepted, found = _attack(sorted(named.MAKERS), 0.05, seed=1)

@@ -3,6 +3,8 @@
 import random
 from collections import Counter
 
+import pytest
+
 from checker import known_ledgers
 from checker.false_ledgers import FALSEHOODS
 from checker.ledgers import data
@@ -42,6 +44,7 @@ def test_both_agree_on_forgeries() -> None:
     assert _compare(files)["refused"] >= 35
 
 
+@pytest.mark.long
 def test_both_agree_on_mutants() -> None:
     """Both agree on a sample of changed numbers of the supported ledgers, cuts left as they are."""
     choose, files = random.Random(7), {}

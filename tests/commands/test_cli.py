@@ -275,6 +275,7 @@ def _environment() -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(ROOT / "src")}
 
 
+@pytest.mark.long
 def test_ctrl_c_in_a_real_process(here: Path) -> None:
     """A process that is interrupted exits with 130 and leaves nothing."""
     code = (

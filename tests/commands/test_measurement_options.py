@@ -83,6 +83,7 @@ def test_measurements_come_through_a_pipe(here: Path, name: str) -> None:
     assert ps.load_model("pipe.json") == ps.load_model("file.json")
 
 
+@pytest.mark.long
 def test_a_run_from_a_pipe_has_its_hash(here: Path) -> None:
     """persid run reads standard input, and its record keeps the hash of what came."""
     import hashlib
@@ -145,6 +146,7 @@ def test_options_that_cannot_be_read(here: Path, words: list[str]) -> None:
     assert cli.main([*IDENTIFY, *words]) == 2
 
 
+@pytest.mark.long
 def test_rates_are_printed_in_the_unit_that_is_asked_for(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A rate an hour is 3600 times one a second, rounded down, and files and JSON stay in seconds."""
     assert cli.main(["certify", "model.json", "-o", "c.json", "--time-unit", "h"]) == 0
@@ -159,6 +161,7 @@ def test_rates_are_printed_in_the_unit_that_is_asked_for(here: Path, capsys: pyt
 
 
 @pytest.mark.parametrize("words", [["--derivatives", "1"], ["--delays", "1"]])
+@pytest.mark.long
 def test_a_run_with_more_states_is_reported(here: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """A run that appends velocities or delays ends with a report, which can be built again from the folder."""
     command = ["run", "data.csv", "--states", "x1,x2", "--inputs", "u", "--functions", "x", "--time-limit", "2"]

@@ -35,6 +35,7 @@ def test_run_certifies_and_delivers(here: Path, capsys: pytest.CaptureFixture[st
     assert isinstance(ps.check("out/certificate.json"), ps.Accepted)
 
 
+@pytest.mark.long
 def test_run_undecided_says_why(here: Path, undecided: Undecided, capsys: pytest.CaptureFixture[str]) -> None:
     """An undecided run exits with 3, leaves obstruction.json with the attempts, and removes a stale certificate."""
     (here / "out" / "figures").mkdir(parents=True)
@@ -134,6 +135,7 @@ def _identified(path: str) -> Callable[..., Any]:
     return identify
 
 
+@pytest.mark.long
 def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Where no certificate of the family exists, the proof of that is delivered, checked, and shown again."""
     data = (VALID / "infeasible_full.json").read_bytes()
@@ -232,6 +234,7 @@ def test_shown_bounds_are_rounded_outwards(number: float, low: str, high: str) -
     assert float(above(number)) == pytest.approx(float(high), rel=1e-3)
 
 
+@pytest.mark.long
 def test_run_of_an_unstable_plant_under_feedback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -44,6 +44,7 @@ print(json.dumps([len(results), failed]))
 
 
 @pytest.mark.skipif(sklearn_version < (1, 6), reason="check_estimator reports failures since scikit-learn 1.6")
+@pytest.mark.long
 def test_the_estimator_checks_pass():
     """All of scikit-learn's checks pass but the listed ones (few samples of many states must be allowed for them)."""
     # In a process of their own: one check sets every parameter to nonsense, which the tests' hook on types refuses.
@@ -133,6 +134,7 @@ def test_grid_search_runs_over_trajectories():
     assert np.isfinite(search.cv_results_["mean_test_score"]).all()
 
 
+@pytest.mark.long
 def test_scores_are_free_runs():
     """score is the R2 of free runs, far below the R2 of one step for a poor model."""
     good = PersidskiiIdentifier(ridge=1e-4).fit(TRAFFIC)

@@ -395,6 +395,7 @@ def test_the_nominal_input_is_one_that_occurs(low, high, expected):
     assert make_basis(data, ["x"]).u_ref == pytest.approx([expected])
 
 
+@pytest.mark.long
 def test_an_unstable_plant_under_feedback_keeps_its_fit() -> None:
     """Long free runs of an unstable plant say nothing about a ridge: the short ones choose a weak one."""
     rng, x, rows, h = np.random.default_rng(0), np.array([0.1, 0.0]), [], 0.02

@@ -132,6 +132,7 @@ def test_noisy_measurements_are_refused_by_their_sampling_error():
             PersidskiiIdentifier(["x", "x**3", "tanh(x)"], method="edmd").fit(noisy)
 
 
+@pytest.mark.long
 def test_white_held_inputs_need_zoh():
     """With a white held input every coefficient is right under "zoh" and the fit is refused under "paper"."""
     truth = PersidskiiModel([[-1, 0.4], [-0.3, -0.8]], [("tanh(x)", None, [[-0.5, 0.2], [0.1, -0.6]])], [[1.0], [0.5]])
@@ -190,6 +191,7 @@ def test_both_readings_find_the_coefficients_of_invariant_liftings():
         assert np.allclose(fit.model_.A0, A, atol=1e-8)
 
 
+@pytest.mark.long
 def test_further_lifting_functions_are_projected_on_the_basis():
     """`lifting=` enlarges the lifting but not the model."""
     data = nonlinear_data()

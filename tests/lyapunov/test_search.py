@@ -79,6 +79,7 @@ def test_a_fence_does_not_change_the_answer(strength: float, full_P: bool, monke
             assert all((worth + found.solution.upper >= 0).all() for _, worth in _prices(found, found.solution.X))
 
 
+@pytest.mark.long
 def test_couplings_near_the_limit_are_decided() -> None:
     """Within a thousandth of the largest coupling that is certified the search still says yes or no, in few steps."""
     low, high = 0.5, 3.0

@@ -123,6 +123,7 @@ def test_edmd_chunk_by_chunk(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", [None, "dask"])
+@pytest.mark.long
 def test_dask_dataframes(engine: Any) -> None:
     """A Dask DataFrame in partitions is one long run, or several by a column of runs."""
     dd = pytest.importorskip("dask.dataframe")

@@ -23,6 +23,7 @@ def put(folder: Path, content: str | bytes, name: str = "run.csv") -> Path:
     return path
 
 
+@pytest.mark.long
 def test_every_form_of_a_table_has_the_same_values(tmp_path):
     """Separators, decimal marks, headers, times, encodings and compressions in any combination give one run."""
     count = 0

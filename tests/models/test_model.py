@@ -170,6 +170,7 @@ def test_stiff_models_are_simulated():
     assert run.x[-1, 0] == pytest.approx(u[-2, 0] / 1e5, rel=1e-3)
 
 
+@pytest.mark.long
 def test_ten_thousand_held_samples_are_fast():
     """A new input at every sample costs no new solver set-up of milliseconds."""
     t = np.arange(10_000) * 0.01

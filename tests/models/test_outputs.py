@@ -58,6 +58,7 @@ def test_straight_inputs_differ_from_held_ones():
     assert np.abs(coarse - seen().simulate(T, U, x0=x0)[0].x).max() > 1e-2
 
 
+@pytest.mark.long
 def test_long_runs_agree_with_an_adaptive_solver():
     """Pieces stepped side by side give the run of a solver that controls its error, held inputs or straight ones."""
     t, u, x0 = np.arange(400) * 0.2, np.random.default_rng(0).normal(size=(400, 2)), np.array([3.0, -3.0])

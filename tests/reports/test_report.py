@@ -211,6 +211,7 @@ def foretold(r2: float, unseen: bool = True) -> Scores:
     )
 
 
+@pytest.mark.long
 def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified: Results) -> None:
     """The page is green only where the delivered model foretells; else its head says what is wrong, in amber."""
     assert certified.record is not None
@@ -341,6 +342,7 @@ def test_blow_ups_are_told() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 3, 9])
+@pytest.mark.long
 def test_other_numbers_of_states(n: int) -> None:
     """Models of one, three and nine states have a page, with slices where there is no plane."""
     model = ps.PersidskiiModel(-np.eye(n), [("tanh(x)", None, -np.eye(n))])

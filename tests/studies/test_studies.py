@@ -194,6 +194,7 @@ def test_unknown_studies_are_refused(tmp_path: Path) -> None:
     assert cli.main(["study", "nonsense", "-o", str(tmp_path)]) == 2
 
 
+@pytest.mark.long
 def test_progress_shows_a_bar_of_the_parts(tmp_path: Path) -> None:
     """Each line of progress stands behind a bar with the parts done and meant, the lines inside a part too."""
     lines: list[str] = []

@@ -25,6 +25,7 @@ def names(answers: tuple[Any, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("engine", [None, "processes"])
+@pytest.mark.long
 def test_order_is_kept_and_failures_stand_in_their_place(tmp_path: Path, engine: Any) -> None:
     """Answers stand in the order of the models, and one that fails does not stop the others."""
     (tmp_path / "broken.json").write_text(json.dumps({"format": "persid-model-1", "states": 5}))

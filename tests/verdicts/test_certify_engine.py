@@ -31,6 +31,7 @@ def verdict(model: PersidskiiModel) -> str:
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+@pytest.mark.long
 def test_named_model(problem: Problem) -> None:
     """Every named model gets its verdict."""
     assert verdict(problem.build()) == problem.verdict, problem.why

@@ -32,6 +32,7 @@ def test_the_multipliers_of_a_fit_are_a_proof(seed: int, activation: str) -> Non
     assert certificate.rate > 0
 
 
+@pytest.mark.long
 def test_a_search_may_better_the_gains() -> None:
     """With time left the certificate with the smaller gain of the output is kept."""
     fit = random_fit(2)
@@ -57,6 +58,7 @@ def test_a_rate_may_be_asked_for() -> None:
     assert fast.output_gains[0] >= usual.output_gains[0]
 
 
+@pytest.mark.long
 def test_wrong_multipliers_prove_nothing() -> None:
     """Multipliers with which the inequality fails are no certificate; then the search alone decides."""
     fit = random_fit(1)

@@ -49,6 +49,7 @@ def test_a_negative_row_of_one_state_keeps_its_rate() -> None:
 
 
 @pytest.mark.parametrize("f", ["tanh(x)", "cos(x)"])
+@pytest.mark.long
 def test_a_row_of_zeros_is_a_constant(f: str) -> None:
     """A function of nothing is certified beside a stable linear part."""
     model = ps.PersidskiiModel(A0=-np.eye(2), terms=[(f, [[0.0, 0.0]], [[0.0], [1.0]])], B=[[0.0], [1.0]])
@@ -88,6 +89,7 @@ TEXTS = st.sampled_from([*(f"{name}(x)" for name in sorted(FUNCTIONS)), "x**3", 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.data(), st.integers(1, 2))
+@pytest.mark.long
 def test_a_valid_model_has_a_verdict(draw: st.DataObject, n: int) -> None:
     """Whatever the functions, rows and numbers, certify returns a verdict."""
 
