@@ -3,12 +3,14 @@
 import copy
 import json
 
+import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from checker import known_ledgers
 from checker.false_ledgers import FALSEHOODS
 from checker.ledgers import data
-from checker.sampled import faults
+from checker.sampled import Sampled, faults, number
 from persid_check import Accepted, Rejected, check
 
 
@@ -49,7 +51,25 @@ def test_integrals_in_V_forgo_the_incremental_sentence() -> None:
     """Any two solutions are spoken of only where V has no integral and every form is nondecreasing."""
     assert "any two solutions" in check(data(known_ledgers.load("incremental"))).statement
     for name in ("e_mixed_pair", "g_linear", "difference", "plant", "region"):
-        assert "any two solutions" not in check(data(known_ledgers.load(name))).statement
+        statement = check(data(known_ledgers.load(name))).statement
+        assert "any two solutions" not in statement
+        assert "exactly one equilibrium" not in statement
+
+
+@pytest.mark.parametrize("u", [-3.0, 0.0, 0.7, 40.0])
+def test_one_equilibrium_for_every_constant_input(u: float) -> None:
+    """Where the sentence stands, far starts come to one point, and V of the distance to it falls as it says."""
+    content = known_ledgers.load("incremental")
+    assert "For every constant input there is exactly one equilibrium" in check(data(content)).statement
+    sampled, inputs = Sampled(content), np.array([u])
+    starts = ([0.0, 0.0], [90.0, -50.0], [-70.0, 80.0])
+    rests = [
+        least_squares(sampled.model.F, start, args=(inputs,), xtol=1e-14, ftol=None, gtol=None) for start in starts
+    ]
+    assert all(abs(rest.fun).max() < 1e-9 and np.allclose(rest.x, rests[0].x, atol=1e-8) for rest in rests)
+    for d in np.random.default_rng(0).normal(0, 5, (200, 2)):
+        slope = 2 * d @ sampled.P @ sampled.model.F(rests[0].x + d, inputs)
+        assert slope <= -number(content["kappa"]) * (d @ sampled.P @ d)
 
 
 def test_every_operating_point_needs_nondecreasing_forms() -> None:

@@ -28,6 +28,7 @@ def statement(ledger: Ledger, proved: Proved) -> str:
         parts.append(
             f"For any two solutions x, x~ with inputs u, u~: |x(t) - x~(t)| <= {_start(ledger, 'V(x(0) - x~(0))')}"
             f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} for all t >= 0, V(d) = d'P d."
+            " For every constant input there is exactly one equilibrium, and every solution tends to it."
         )
     return " ".join(parts)
 
