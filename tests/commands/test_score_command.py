@@ -8,6 +8,7 @@ import pytest
 
 import persid as ps
 from persid.commands import cli
+from persid.reports.results import read_results
 
 
 def _write(path: Path, rate: float) -> None:
@@ -79,3 +80,18 @@ def test_run_scores_files_that_were_kept(files_of_a_plant: Path, capsys: pytest.
     assert found["scores"]["on"] == "1 other file"
     assert found["scores"]["rows"][found["scores"]["headline"]]["r2"] > 0.999
     assert json.loads(Path("out/run.json").read_text())["sources"][0]["path"].endswith("a.csv")
+
+
+def test_files_that_were_kept_get_the_states_that_the_fit_appends(
+    files_of_a_plant: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """--test and persid score append velocities as the fit does, and the report reads the kept files again."""
+    words = ["run", "a.csv", "--states", "x", "--inputs", "u", "--functions", "x", "--derivatives", "1"]
+    cli.main([*words, "--test", "b.csv", "-o", "out", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["scores"]["on"] == "1 other file"
+    assert read_results(Path("out")).held is not None
+    assert cli.main(["score", "out/model.json", "b.csv", "--derivatives", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scores"]["rows"] == found["scores"]["rows"]
+    assert cli.main(["score", "out/model.json", "b.csv"]) == 2
+    assert "no column 'd(x)/dt'" in capsys.readouterr().err

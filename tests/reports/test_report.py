@@ -15,12 +15,14 @@ from scipy.sparse import csc_array
 import persid as ps
 from persid import plots
 from persid.commands.exit_codes import verdict_rows
-from persid.identification.scores import Ahead, Scores
+from persid.identification.scores import Ahead, Scores, held_out_scores
+from persid.identification.scores import Record as ScoredRecord
 from persid.models import mathml
 from persid.reports import layout
 from persid.reports import page as report
 from persid.reports import proof_figures as portraits
-from persid.reports.comparison import caution
+from persid.reports.comparison import cautions
+from persid.reports.front import front, picture
 from persid.reports.record import Record, Source, versions
 from persid.reports.results import Results, read_results
 from persid.reports.verdict_files import write_verdict
@@ -219,12 +221,55 @@ def test_a_certified_model_that_foretells_nothing_is_cautioned_against(certified
         report.render(replace(certified, record=replace(certified.record, scores=scores)))
         for scores in (foretold(0.98), foretold(-0.5), foretold(0.98, unseen=False))
     )
-    assert "foretells the states with R2 0.9800" in good
+    assert "Proved stable, and it foretells" in good
+    assert "on the last 20 % of every run, held out, it is off by 2 % of the range over 6.4 s." in good
     assert 'class="verdict certified"' in good
     assert "the model foretells less than the mean (R2 -0.5)" in poor
-    assert "nothing was held out" in seen
+    assert "Nothing was held out" in seen
     assert all('class="verdict certified doubtful"' in page for page in (poor, seen))
-    assert caution(Undecided(Reason.STALLED), foretold(-0.5)) is None
+    assert cautions(Undecided(Reason.STALLED), foretold(-0.5)) == ()
+
+
+def unstable() -> tuple[ps.PersidskiiModel, ps.Trajectories]:
+    """x' = 20 x + u, and a run that a feedback holds near 0: free runs of the model leave it for ever."""
+    model, t = ps.PersidskiiModel([[20.0]], [], [[1.0]], states=["x"], inputs=["u"]), 0.05 * np.arange(400)
+    x, kicks = [0.01], np.random.default_rng(0).choice([-1.0, 1.0], 400)
+    u = []
+    for kick in kicks:
+        u.append(-20.2 * x[-1] + 0.1 * kick)
+        x.append(np.exp(1.0) * x[-1] + (np.exp(1.0) - 1) / 20 * u[-1])
+    run = ps.Trajectories.from_arrays([np.array(x[:-1])[:, None]], t=[t], u=[np.array(u)[:, None]])
+    return model, ps.Trajectories(tuple(run), ("x",), ("u",))
+
+
+def test_every_status_has_a_sentence_and_a_picture(certified: Results) -> None:
+    """Proved, refuted and undecided pages begin with one sentence, and with the delivered model beside measurements."""
+    model, data = unstable()
+    noisy = ps.Trajectories(tuple(run.__class__(run.t, run.x + 1e-3, run.u) for run in data), data.states, data.inputs)
+    starts = {
+        "certified doubtful": certified,
+        "refuted": Results(model, ps.certify(model), noisy, None),
+        "undecided": Results(model, Undecided(Reason.STALLED), noisy, None),
+    }
+    for kind, found in starts.items():
+        first = front(found)
+        (drawing,) = picture(found)
+        assert first.kind == kind
+        assert first.sentence.endswith(".")
+        assert first.title[0].isupper()
+        assert "measured (blue, solid)" in drawing.caption
+    assert "well it foretells was not measured" in front(certified).doubts[0]
+
+
+def test_the_picture_of_an_unstable_plant_starts_again(certified: Results) -> None:
+    """Where the whole free run blows up the picture shows runs as long as those of the score, and says so."""
+    model, data = unstable()
+    off = ps.PersidskiiModel([[20.2]], [], [[1.0]], states=["x"], inputs=["u"])
+    scores = held_out_scores(off, data, ScoredRecord.of(data))
+    assert certified.record is not None
+    found = Results(off, ps.certify(model), data, replace(certified.record, scores=scores, fit=None), data)
+    assert not scores.headline.whole
+    assert f"starts again every {scores.headline.steps} samples" in picture(found)[0].caption
 
 
 def test_a_point_outside_the_data_is_cautioned_against() -> None:
@@ -236,8 +281,10 @@ def test_a_point_outside_the_data_is_cautioned_against() -> None:
         for centre in (-49.0, 60.0)
     )
     assert isinstance(verdict, Certified)
-    assert caution(verdict, foretold(0.98), near) is None
-    assert caution(verdict, foretold(0.98), far) == "x* = (-49) lies outside the range of the data"
+    assert cautions(verdict, foretold(0.98), near) == ()
+    assert cautions(verdict, foretold(0.98), far) == (
+        "the nominal state x* = (-49) lies outside the range of the data",
+    )
 
 
 @pytest.mark.parametrize(

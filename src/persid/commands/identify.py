@@ -80,15 +80,15 @@ def run(
       persid run examples/traffic.csv --states x1,x2 --inputs u -o out
     """
     from persid.certified_fits.delivery import Delivery, deliver, trial
-    from persid.commands.score import unseen_scores
+    from persid.commands.score import other_files, unseen_scores
     from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
-    from persid.reports.comparison import alternative_rows, caution, comparison_rows, score_facts, score_rows
+    from persid.reports.comparison import alternative_rows, cautions, comparison_rows, score_facts, score_rows
     from persid.reports.folder import write_folder
     from persid.reports.record import Record, sources, versions
-    from persid.reports.results import Results
+    from persid.reports.results import Results, held_out
     from persid.verdicts.certify import certify
     from persid.verdicts.summary import summarize
 
@@ -103,8 +103,6 @@ def run(
     if unmeasured:
         raise click.UsageError(f"--{next(iter(unmeasured)).replace('_', '-')} goes with --outputs")
     usual = domain == "global" and operating_point is None and u_op is None
-    if test and (how["derivatives"] or how["delays"]):
-        raise click.UsageError("--test does not go with --derivatives and --delays; use persid score on embedded files")
     if select and not usual:
         raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
     chosen = fit_options(how)
@@ -124,23 +122,30 @@ def run(
             else Delivery(fit.model_, verdict, scores=trial(fit, None, measured).free)
         )
         if test:
-            reading = {**how, "hold": fit.hold}
-            mine = unseen_scores(made.model, test, **reading)
-            other = mine if made.model is fit.model_ else unseen_scores(fit.model_, test, **reading)
+            kept_out, basis = embedded(read_measurements(files_of(list(test)), **how), **states), other_files(test)
+            mine = unseen_scores(made.model, kept_out, basis, fit.hold)
+            other = mine if made.model is fit.model_ else unseen_scores(fit.model_, kept_out, basis, fit.hold)
             made = replace(made, scores=mine, free_scores=other)
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
-        record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts)
+        tested = sources(files_of(list(test))) if test else ()
+        record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts, tested)
         progress("drawing the report")
-        proof = write_folder(output, Results(made.model, verdict, measured, record), made.alternative)
+        held = kept_out if test else held_out(measured, made.scores)
+        proof = write_folder(output, Results(made.model, verdict, measured, record, held), made.alternative)
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
     report = fit.report_
     rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
-    beside = caution(verdict, made.scores, measured)
-    rows += [*_remarks(report), *verdict_rows(verdict), *([("but", beside)] if beside else [])]
+    beside = cautions(verdict, made.scores, measured)
+    rows += [*_remarks(report), *verdict_rows(verdict), *(("but", doubt) for doubt in beside)]
     rows += [*alternative_rows(made), *list(files.items())[1:]]
-    said = {"caution": beside, "fits": (made.comparison or {}).get("fits"), "files": files, **score_facts(made)}
+    said = {
+        "caution": "; ".join(beside) or None,
+        "fits": (made.comparison or {}).get("fits"),
+        "files": files,
+        **score_facts(made),
+    }
     talk.result(brief.to_dict() | said | {"notes": list(report.notes), "warnings": list(report.warnings)}, rows)
     return EXIT[brief.verdict]
 

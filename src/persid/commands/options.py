@@ -179,6 +179,12 @@ def output_options(how: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value not in (None, (), False)}
 
 
+appending = together(
+    click.option("--derivatives", type=click.IntRange(0, 1), is_flag=False, flag_value=1, default=0,
+                 show_default=True, help="1 appends smoothed velocities to the states."),
+    click.option("--delays", type=click.IntRange(min=0), default=0, show_default=True,
+                 help="Append copies of the states delayed by 1 to so many samples."),
+)  # fmt: skip
 fitting = together(
     click.option("--functions", type=Functions(), default="x,x**3,sinh(x),tanh(x)", show_default=True,
                  help='Functions of the states; "f,g; h" gives one list a state.'),
@@ -189,10 +195,7 @@ fitting = together(
                  help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
     click.option("--hold", type=click.Choice(["zoh", "paper"]), default="zoh", show_default=True,
                  help="Inputs are held from sample to sample, or vary between samples."),
-    click.option("--derivatives", type=click.IntRange(0, 1), is_flag=False, flag_value=1, default=0,
-                 show_default=True, help="1 appends smoothed velocities to the states."),
-    click.option("--delays", type=click.IntRange(min=0), default=0, show_default=True,
-                 help="Append copies of the states delayed by 1 to so many samples."),
+    appending,
     click.option("--window", type=Given(Count("even number")), default="auto", show_default=True,
                  help="Samples of a window of the weak form, even."),
     click.option("--x-ref", type=Given(Numbers()), default="auto", show_default=True,

@@ -8,7 +8,7 @@ import click
 
 from persid.commands.console import Talk
 from persid.commands.exit_codes import DONE, read_model
-from persid.commands.options import FILE, MEASUREMENTS, columns, talking
+from persid.commands.options import FILE, MEASUREMENTS, appending, columns, talking
 
 if TYPE_CHECKING:
     from persid.identification.scores import Scores
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 @click.argument("model", type=FILE, metavar="MODEL.json")
 @MEASUREMENTS
 @columns
+@appending
 @talking
 def score(model: Path, data: tuple[Path, ...], as_json: bool, quiet: bool, **how: Any) -> int:
     """Score a saved model on other files: free runs of several lengths, restarted along every run, state by state.
@@ -37,23 +38,46 @@ def score(model: Path, data: tuple[Path, ...], as_json: bool, quiet: bool, **how
         raise click.UsageError("an output model is scored by persid run --outputs … --test FILE")
     with talk.progress() as progress:
         progress("scoring")
-        found = unseen_scores(subject, data, **how)
+        found = unseen_scores(subject, _measured(subject, data, **how), other_files(data))
     rows = [("model", str(model)), ("foretells", f"{scored(found)}, on {found.basis}"), *_table(found)]
     rows += [("but", text) for text in found.doubts]
     talk.result({"model": str(model), "scores": facts(found), "doubts": list(found.doubts)}, rows)
     return DONE
 
 
-def unseen_scores(model: Any, files: Sequence[Path], hold: str = "zoh", **how: Any) -> "Scores":
-    """Return the scores of a model on files that its fit has not seen; columns are those of the model."""
+def other_files(files: Sequence[Path]) -> str:
+    """Return what scores on other files are on."""
+    return f"{len(files)} other file{'' if len(files) == 1 else 's'}"
+
+
+def unseen_scores(model: Any, measured: Any, basis: str, hold: str = "zoh") -> "Scores":
+    """Return the scores of a model on measurements that its fit has not seen."""
     from persid.identification.scores import Record, held_out_scores
+
+    return held_out_scores(model, measured, Record.of(measured), hold, basis)
+
+
+def _measured(model: Any, files: Sequence[Path], derivatives: int, delays: int, **how: Any) -> Any:
+    """Read the columns of a model's states and inputs; states that a fit has appended are appended again.
+
+    Raises:
+        DataError: a column is missing, or the appended states are not those of the model.
+    """
+    from persid.errors import DataError
+    from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
 
-    how |= {"states": list(model.states), "inputs": list(model.inputs)}
-    measured = read_measurements(files_of(list(files)), **how)
-    basis = f"{len(files)} other file{'' if len(files) == 1 else 's'}"
-    return held_out_scores(model, measured, Record.of(measured), hold, basis)
+    base = list(model.states[: model.n // (1 + derivatives + delays)])
+    found = read_measurements(files_of(list(files)), **how | {"states": base, "inputs": list(model.inputs)})
+    found = embedded(found, derivatives, delays)
+    if found.states != model.states:
+        given = f"derivatives={derivatives} and delays={delays}"
+        raise DataError(
+            f"the states of the model are {', '.join(model.states)}, with {given} they would be "
+            f"{', '.join(found.states)}; give the options with which the model was fitted"
+        )
+    return found
 
 
 def _table(scores: "Scores") -> list[tuple[str, str]]:

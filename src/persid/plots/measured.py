@@ -85,21 +85,29 @@ BESIDE: dict[str, Any] = {"color": FORM, "lw": 1.2, "ls": ":", "label": "free fi
 
 
 def free_run(
-    ax: Axes, measured: Trajectory, found: Trajectory, state: int, name: str = "x", beside: Trajectory | None = None
+    ax: Axes,
+    measured: Trajectory,
+    found: Trajectory | Sequence[Trajectory],
+    state: int,
+    name: str = "x",
+    beside: Trajectory | None = None,
 ) -> Axes:
     """Draw one state as measured and as the model predicts it from the first sample and the inputs; mark a blow-up.
 
-    `beside` is the run of another model, such as the free fit beside one under the certificate.
+    `found` may be several runs that start again along the measured one. `beside` is the run of another model, such as
+    the free fit beside one under the certificate.
     """
+    runs = [found] if isinstance(found, Trajectory) else list(found)
     ax.plot(*thin(measured.t, measured.x[:, state]), color=MEASURED, lw=1.6, label="measured")
     low, high = span(measured.x[:, state], 0.6)
-    for run, look in ((beside, BESIDE), (found, FOUND)):
-        if run is not None:
-            inside = np.clip(run.x[:, state], low - (high - low), high + (high - low))
-            ax.plot(*thin(run.t, inside), **look)
-    ax.set_ylim(*limits(measured.x[:, state], found.x[:, state]))
-    if found.diverged_at is not None:
-        blow_up(ax, found.diverged_at)
+    looks = [*([(beside, BESIDE)] if beside is not None else []), (runs[0], FOUND)]
+    looks += [(run, FOUND | {"label": None}) for run in runs[1:]]
+    for run, look in looks:
+        inside = np.clip(run.x[:, state], low - (high - low), high + (high - low))
+        ax.plot(*thin(run.t, inside), **look)
+    ax.set_ylim(*limits(measured.x[:, state], np.concatenate([run.x[:, state] for run in runs])))
+    if len(runs) == 1 and runs[0].diverged_at is not None:
+        blow_up(ax, runs[0].diverged_at)
     ax.set_xlabel("t in s")
     ax.set_ylabel(short(name, 15))
     return tidy(ax)

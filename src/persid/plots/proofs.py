@@ -73,11 +73,17 @@ def largest_input(certificate: Proof, run: Trajectory) -> float:
     return float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
 
 
-def bound(ax: Axes, certificate: Proof, run: Trajectory, others: Sequence[Trajectory] = ()) -> Axes:
+def bound(
+    ax: Axes,
+    certificate: Proof,
+    run: Trajectory,
+    others: Sequence[Trajectory] = (),
+    measured: Trajectory | None = None,
+) -> Axes:
     """Draw the distance of a run of the model from the operating point, and the bound that the certificate proves.
 
     `others` are further runs of the model to which the same bound applies: from starts of no larger V, with inputs
-    that are no larger.
+    that are no larger. `measured` is what the run foretells; the legend is then left to the figure that it is part of.
 
     Raises:
         PersidError: the claim has no rate, or the run starts outside the certified region or has too large inputs.
@@ -88,12 +94,16 @@ def bound(ax: Axes, certificate: Proof, run: Trajectory, others: Sequence[Trajec
         ax.plot(*thin(other.t - other.t[0], _distance(certificate, other)), color=FIELD, lw=0.8,
                 label=None if k else "simulations")  # fmt: skip
     ax.plot(t, proved, color=LEVEL, lw=2, label="proved bound")
+    if measured is not None:
+        ax.plot(*thin(measured.t - measured.t[0], _distance(certificate, measured)), color=MEASURED, lw=1.6,
+                label="measured")  # fmt: skip
     ax.plot(*thin(run.t - run.t[0], _distance(certificate, run)), color=MODEL, lw=1.4, ls=DASHES,
             label="model, free run")  # fmt: skip
     ax.set_ylim(bottom=0)
     ax.set_xlabel("t in s from the start")
     ax.set_ylabel("|x - x*|")
-    ax.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    if measured is None:
+        ax.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     return tidy(ax)
 
 

@@ -11,17 +11,17 @@ from persid.verdicts.verdict import Certified, Verdict
 UNDER = "under the certificate"
 
 
-def caution(verdict: Verdict, scores: Scores | None, data: Measurements | None = None) -> str | None:
-    """Return what must stand beside a certificate; None where all is well.
+def cautions(verdict: Verdict, scores: Scores | None, data: Measurements | None = None) -> tuple[str, ...]:
+    """Return what must stand beside a certificate, in clauses; none where all is well.
 
     The model may not be shown to foretell, or the claim may be about a point that does not occur in the data.
     """
     if not isinstance(verdict, Certified):
-        return None
-    found = list(_outside(verdict, data)) if data is not None else []
-    if scores is not None and scores.doubts:
-        found.append(f"{'; '.join(scores.doubts)}: the proof is about the model, not about the plant")
-    return "; ".join(found) or None
+        return ()
+    found = list(scores.doubts) if scores is not None else []
+    if found:
+        found[-1] += ": the proof is about the model, not about the plant"
+    return (*found, *(_outside(verdict, data) if data is not None else ()))
 
 
 def _outside(verdict: Certified, data: Measurements) -> Iterator[str]:
@@ -31,10 +31,11 @@ def _outside(verdict: Certified, data: Measurements) -> Iterator[str]:
         return
     n, slack = len(data.states), 0.1 * (found.high - found.low)
     low, high = found.low - slack, found.high + slack
-    for name, point, part in (("x*", certificate.operating_point, slice(n)), ("u*", certificate.input, slice(n, None))):
+    points = (("state x*", certificate.operating_point, slice(n)), ("input u*", certificate.input, slice(n, None)))
+    for name, point, part in points:
         if not ((low[part] <= point) & (point <= high[part])).all():
             shown = ", ".join(f"{value:.3g}" for value in point)
-            yield f"{name} = ({shown}) lies outside the range of the data"
+            yield f"the nominal {name} = ({shown}) lies outside the range of the data"
 
 
 def score_rows(made: Any) -> list[tuple[str, str]]:

@@ -40,12 +40,16 @@ THEME = {
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A figure with the name of its file, what it shows to those who cannot see it, and its caption."""
+    """A figure with the name of its file, what it shows to those who cannot see it, and its caption.
+
+    On the screen an inch is at least `least` rem wide; where that is more than there is room for, it can be moved.
+    """
 
     name: str
     figure: Figure
     alt: str
     caption: str
+    least: float = 4.6
 
     @property
     def svg(self) -> Markup:
@@ -59,7 +63,7 @@ class Drawing:
         text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{self.name}-", text)
         text = re.sub(r"(?<=: )#[0-9a-f]{6}\b", lambda found: THEME.get(found[0], found[0]), text)
         width = self.figure.get_figwidth()  # in inches; letters stay readable between these widths on the screen
-        size = f"--least: {4.6 * width:.3g}rem; --most: {6 * width:.3g}rem"
+        size = f"--least: {self.least * width:.3g}rem; --most: {6 * width:.3g}rem"
         head = f'<svg role="img" aria-label="{escape(self.alt)}" style="{size}" '
         return Markup(text.replace("<svg ", head, 1))
 

@@ -20,8 +20,8 @@ from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
-from persid.reports.comparison import caution, scored
 from persid.reports.figures import Drawing, FreeRun
+from persid.reports.front import front, picture
 from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS
 from persid.reports.output_page import write_output_report
 from persid.reports.results import Results
@@ -78,6 +78,7 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
     others = drawings.free_runs(PersidskiiModel.from_dict(free), data) if free else [None] * len(runs)
     x, u = _samples(data) if data else (np.zeros((0, model.n)), np.zeros((0, model.m)))
     return {
+        "front": picture(results),
         "overview": [drawings.overview(data)] if data else [],
         "free_run": [drawings.free_run(model, *pair) for pair in zip(runs, others, strict=True)],
         "residuals": [drawings.residuals(model, run) for run in runs[:1]],
@@ -109,8 +110,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         verdict=verdict,
         brief=summarize(verdict),
         headline=verdict.headline,
-        caution=_caution(results),
-        foretold=_foretold(results),
+        front=front(results),
         limits=limits(verdict, model),
         certificate=verdict.certificate if isinstance(verdict, Certified) else None,
         gains=_gains(verdict, model),
@@ -134,16 +134,6 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         most_rows=MOST_ROWS,
         seed=portraits.SEED,
     )
-
-
-def _foretold(results: Results) -> str | None:
-    scores = results.record.scores if results.record else None
-    return scored(scores) if scores else None
-
-
-def _caution(results: Results) -> str | None:
-    record = results.record
-    return caution(results.verdict, record.scores, results.data) if record else None
 
 
 def _proven(verdict: Verdict) -> tuple[Any, str, str]:

@@ -33,7 +33,7 @@ class Record:
     """How the results of a run came about. `reading` holds the options of `read_csv`.
 
     `comparison` sets the free fit and the one under the certificate side by side, where both were made; `scores` are
-    the delivered model's on data that it has not seen.
+    the delivered model's on data that it has not seen, `test` the files that were kept from the fit for them.
     """
 
     command: str
@@ -44,11 +44,12 @@ class Record:
     versions: Mapping[str, str]
     comparison: Mapping[str, Any] | None = None
     scores: Scores | None = None
+    test: tuple[Source, ...] = ()
 
     def save(self, folder: Path) -> None:
         """Write run.json; paths of measurements are kept absolute."""
-        absolute = tuple(replace(source, path=str(Path(source.path).resolve())) for source in self.sources)
-        write_object(folder / RECORD, {"format": FORMAT, **asdict(replace(self, sources=absolute))})
+        whole = replace(self, sources=_absolute(self.sources), test=_absolute(self.test))
+        write_object(folder / RECORD, {"format": FORMAT, **asdict(whole)})
 
     @classmethod
     def load(cls, folder: Path) -> "Record | None":
@@ -66,6 +67,10 @@ class Record:
             return found
         except (KeyError, TypeError, ValueError) as error:
             raise FolderError(f"{path}: not the record of a run: {error}") from None
+
+
+def _absolute(sources: Sequence[Source]) -> tuple[Source, ...]:
+    return tuple(replace(source, path=str(Path(source.path).resolve())) for source in sources)
 
 
 def sources(files: Sequence[Path | Content]) -> tuple[Source, ...]:

@@ -1,28 +1,41 @@
 """Results: what a run found, and how it is read back from its folder."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from persid.errors import FolderError
+from persid.identification.identifier import embedded
+from persid.identification.scores import Scores, hold_out
 from persid.measurements.readers import read_measurements
 from persid.measurements.readers.sources import sha256
 from persid.measurements.trajectories import Trajectories
 from persid.models.files import load_model
 from persid.reports.layout import MODEL
-from persid.reports.record import Record
+from persid.reports.record import Record, Source
 from persid.reports.verdict_files import read_verdict
 from persid.verdicts.verdict import Verdict
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What a run found: model, verdict, the measurements where they are at hand, the record."""
+    """What a run found: model, verdict, the measurements where they are at hand, the record.
+
+    `held` is what the scores of the record are on, where it is at hand and the fit has not seen it.
+    """
 
     model: Any  # a PersidskiiModel or an OutputModel
     verdict: Verdict
     data: Trajectories | None
     record: Record | None
+    held: Trajectories | None = None
+
+
+def held_out(data: Trajectories | None, scores: Scores | None) -> Trajectories | None:
+    """Return the part of the measurements that was held out for scores, if any was."""
+    parts = hold_out(data) if data is not None and scores is not None and scores.unseen else None
+    return parts.held if parts else None
 
 
 def read_results(folder: Path) -> Results:
@@ -36,22 +49,18 @@ def read_results(folder: Path) -> Results:
     model = load_model(folder / MODEL)
     record = Record.load(folder)
     verdict = read_verdict(folder, model, record.attempts if record else ())
-    return Results(model, verdict, _read_again(record), record)
+    if record is None:
+        return Results(model, verdict, None, None)
+    data = _read_again(record.sources, record.reading)
+    held = _read_again(record.test, record.reading) if record.test else held_out(data, record.scores)
+    return Results(model, verdict, data, record, held)
 
 
-def _read_again(record: Record | None) -> Trajectories | None:
-    """Read the measurements where they still are what they were."""
-    if record is None or not record.sources:
+def _read_again(sources: Sequence[Source], reading: Mapping[str, Any]) -> Trajectories | None:
+    """Read measurements where they still are what they were."""
+    paths = [Path(source.path) for source in sources]
+    if not paths or not all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, sources, strict=True)):
         return None
-    paths = [Path(source.path) for source in record.sources]
-    same = all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, record.sources, strict=True))
-    if not same:
-        return None
-    reading = dict(record.reading)
-    states = {name: reading.pop(name, 0) for name in ("derivatives", "delays")}
-    data = read_measurements(paths, **reading)
-    if not any(states.values()):
-        return data
-    from persid.identification.identifier import embedded
-
-    return embedded(data, **states)
+    how = dict(reading)
+    states = {name: how.pop(name, 0) for name in ("derivatives", "delays")}
+    return embedded(read_measurements(paths, **how), **states)

@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from persid._text import above, below
 from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
@@ -58,6 +59,21 @@ def summarize(verdict: Verdict) -> Summary:
         return Summary(name, claim, scope, point, None, rate, gain, seconds, output_gains=named)
     evidence = asdict(verdict.evidence) if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
+
+
+def in_the_long_run(verdict: Certified) -> str:
+    """Return in one clause what a certificate says of every run, with its numbers rounded outwards."""
+    certificate = verdict.certificate
+    start = "from every start in the certified region" if certificate.scope == "regional" else "from every start"
+    if not certificate.model.m and not certificate.counts_b:
+        pace = "" if certificate.rate is None else f", at {below(certificate.rate)} 1/s at least"
+        return f"{start} its state goes to x*{pace}"
+    if certificate.gain is not None and not certificate.counts_b:
+        limit = certificate.input_bound if isinstance(certificate, Certificate) else None
+        sizes = "" if limit is None else f" while |u - u*| stays below {below(limit)}"
+        size = f"at most {above(certificate.gain)} times the largest |u - u*|"
+        return f"{start}{sizes}, after transients its distance from x* is {size}"
+    return f"{start} and under every bounded input its state stays bounded"
 
 
 def attempt_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
