@@ -27,6 +27,7 @@ from persid.errors import DataError
 from persid.identification.free_runs import free_run_score
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.refinement import Pieces
+from persid.lyapunov.multipliers import lyapunov_function
 from persid.measurements.readers import read_csv
 from persid.measurements.trajectories import Trajectories
 from persid.models.functions import scalar_function
@@ -318,6 +319,23 @@ def test_the_descent_is_monotone():
     assert (np.diff(fits) < 1e-6).all()
     D = frame.inequality.rows(frame.inequality.flows(descent.point.w), frame.inequality.slopes(descent.point.y))
     assert np.linalg.eigvalsh(frame.inequality.matrix(D, descent.point.y))[0] > 0
+
+
+@pytest.mark.parametrize("full_P", [False, True])
+@pytest.mark.parametrize("demand", [Demand(), Demand(kappa=0.05, ratio=4.0)], ids=["decrease", "gain"])
+def test_unknowns_of_a_fit_are_those_of_a_proof(full_P: bool, demand: Demand) -> None:
+    """Multipliers of a fit's unknowns are the same unknowns again, and Z is the decrease of their V in its units."""
+    frame = frame_of(full_P=full_P, demand=demand)
+    theta = damped_linear(frame)
+    unknowns, inequality = frame._assembled[0], frame.inequality
+    y = np.random.default_rng(0).uniform(0.5, 1.5, len(inequality.cost))
+    np.testing.assert_allclose(unknowns.values(unknowns.multipliers(y)), y)
+    D = inequality.rows(inequality.flows(frame.unknowns(theta)), inequality.slopes(y))
+    Z = inequality.matrix(D, y) + inequality.delta * np.eye(len(D.T))
+    N = frame.pattern.entries
+    decrease = lyapunov_function(unknowns, y, frame.system(theta)).decrease
+    scaled = decrease * frame.units.entries * frame.units.entries[:, None]
+    np.testing.assert_allclose(Z[:N, :N], scaled, atol=1e-8 * np.abs(Z).max())
 
 
 @pytest.mark.parametrize("demand", [Demand(), Demand(kappa=0.2), Demand(kappa=0.2, ratio=50.0)])

@@ -200,11 +200,11 @@ def test_goes_on_where_it_was_when_unknowns_join() -> None:
     """A run that is continued with unknowns that joined it answers as a run from the beginning does."""
     for seed in (0, 1, 2, 5, 6, 10):
         whole = random_assembly(seed)
-        first = [Family(f.forms, f.densities[:1], f.products[:1]) for f in whole.families]
-        few = assemble(whole.system, first, full_P=whole.problem.symmetric > 0)
+        first = [Family(f.forms, f.densities[:1], f.products[:1]) for f in whole.unknowns.families]
+        few = assemble(whole.unknowns.system, first, full_P=whole.problem.symmetric > 0)
         rough = solve(few.problem, fall=0.3)
         assert rough.status is Status.ROUGH
-        places = whole.places_in(few)
+        places = whole.unknowns.places_in(few.unknowns)
         assert (places < 0).any()
         resumed, cold = solve(whole.problem, start=(rough, places)), solve(whole.problem)
         assert resumed.status is cold.status
@@ -214,10 +214,10 @@ def test_goes_on_where_it_was_when_unknowns_join() -> None:
 def test_bound_is_infinite_until_the_dual_equalities_are_met() -> None:
     """A price that is negative when its unknown joins leaves no upper bound before the steps have met it."""
     whole = random_assembly(3)
-    few = assemble(whole.system, [Family(f.forms, f.densities, ()) for f in whole.families])
+    few = assemble(whole.unknowns.system, [Family(f.forms, f.densities, ()) for f in whole.unknowns.families])
     rough = solve(few.problem, fall=1e-2)
     assert np.isfinite(rough.upper)
-    places = whole.places_in(few)
+    places = whole.unknowns.places_in(few.unknowns)
     assert (pairings(whole.problem, rough.X)[places < 0] < 0).any(), "the example must have a product that helps"
     assert solve(whole.problem, start=(rough, places), iterations=1).upper == np.inf
 

@@ -94,20 +94,22 @@ def test_corollary_1_has_the_paper_forms_only() -> None:
 def test_inequality_bounds_the_derivative_of_V(seed: int) -> None:
     """-z'Qz is at most -V' plus products that are not negative, for the unknowns of any point, feasible or not."""
     assembly, model = random_assembly(seed), random_model(seed)
-    about, numbers = assembly.system, assembly.multipliers(np.ones(len(assembly.problem.cost)))
+    about, numbers = assembly.unknowns.system, assembly.unknowns.multipliers(np.ones(len(assembly.problem.cost)))
     rng = np.random.default_rng(seed)
     Q = combine(assembly.problem, np.ones(len(assembly.problem.cost)))
     for _ in range(5):
         x = rng.normal(size=model.n)
         z, products, gradient = np.zeros(about.entries), 0.0, numbers.P @ x
         z[: len(about.states)] = x[list(about.states)]
-        for group, family, mu, tau in zip(about.groups, assembly.families, numbers.mu, numbers.tau, strict=True):
+        for group, family, mu, tau in zip(
+            about.groups, assembly.unknowns.families, numbers.mu, numbers.tau, strict=True
+        ):
             phi = group.curve.values(np.array([group.row @ x]))[0]
             z[[about.places[c] for c in group.channels]] = phi[1:]
             value = family.forms @ phi
             gradient = gradient + group.row * float(mu @ value)
             products += sum(2 * t * value[k] * value[j] for t, (k, j) in zip(tau, family.products, strict=True))
-        w = z / assembly.units.entries
+        w = z / assembly.unknowns.units.entries
         np.testing.assert_allclose(w @ Q @ w, 2 * gradient @ model.rhs(x) + products, rtol=1e-9, atol=1e-9)
 
 
@@ -118,7 +120,7 @@ def test_multipliers_of_rows_of_either_sign_are_nonnegative() -> None:
     pools = {g.curve: np.array(pool(g.curve)) for g in found}
     about = system(model, found, pools, shifted=False)
     assembly = assemble(about, corollary_1(about))
-    numbers = assembly.multipliers(np.ones(len(assembly.problem.cost)))
+    numbers = assembly.unknowns.multipliers(np.ones(len(assembly.problem.cost)))
     assert all((mu >= 0).all() for mu in numbers.mu)
     assert (np.diag(numbers.P) >= 0).all()
 
@@ -127,12 +129,12 @@ def test_multipliers_of_rows_of_either_sign_are_nonnegative() -> None:
 def test_prices_are_those_of_the_unknowns_of_a_problem(seed: int) -> None:
     """A catalogue prices every density and product as the problem with all of them would."""
     assembly = random_assembly(seed)
-    about, families = assembly.system, [Family.full(family.forms) for family in assembly.families]
+    about, families = assembly.unknowns.system, [Family.full(family.forms) for family in assembly.unknowns.families]
     catalogue = Catalogue(about, families, full_P=assembly.problem.symmetric > 0)
     half = np.random.default_rng(seed).normal(size=(assembly.problem.order,) * 2)
     X = half @ half.T
     whole = catalogue.assembly(families)
-    price = dict(zip(whole.labels, pairings(whole.problem, X), strict=True))
+    price = dict(zip(whole.unknowns.labels, pairings(whole.problem, X), strict=True))
     for g, (products, densities) in enumerate(catalogue.prices(X)):
         np.testing.assert_allclose(densities, [price["mu", g, k] for k in families[g].densities], rtol=1e-9)
         np.testing.assert_allclose(
@@ -146,10 +148,12 @@ def test_prices_are_those_of_the_unknowns_of_a_problem(seed: int) -> None:
 def test_smaller_problem_finds_its_unknowns_in_a_larger_one() -> None:
     """The place of an unknown in another problem is that of the same label, -1 where it is not there."""
     whole = random_assembly(1)
-    few = assemble(whole.system, [Family(f.forms, f.densities[:1], f.products[1:2]) for f in whole.families])
-    assert [whole.labels[j] for j in few.places_in(whole)] == few.labels
-    assert set(np.flatnonzero(whole.places_in(few) < 0)) == {
-        j for j, label in enumerate(whole.labels) if label not in few.labels
+    few = assemble(
+        whole.unknowns.system, [Family(f.forms, f.densities[:1], f.products[1:2]) for f in whole.unknowns.families]
+    )
+    assert [whole.unknowns.labels[j] for j in few.unknowns.places_in(whole.unknowns)] == few.unknowns.labels
+    assert set(np.flatnonzero(whole.unknowns.places_in(few.unknowns) < 0)) == {
+        j for j, label in enumerate(whole.unknowns.labels) if label not in few.unknowns.labels
     }
 
 
@@ -162,9 +166,9 @@ def test_first_dual_matrix_is_strictly_inside_the_cone_of_all_products(monkeypat
         return min(float(products[np.triu_indices(len(products), 1)].min()) for products, _ in catalogue.prices(X))
 
     whole = random_assembly(2)
-    mean = lmi._interior(whole.system, whole.units)
+    mean = lmi._interior(whole.unknowns.system, whole.unknowns.units)
     outside = mean + 0.5 * np.eye(len(mean)) * np.trace(mean)
     monkeypatch.setattr(lmi, "_interior", lambda system, units: outside)
-    assert least(Catalogue(whole.system, whole.families)) > 0
+    assert least(Catalogue(whole.unknowns.system, whole.unknowns.families)) > 0
     monkeypatch.setattr(Catalogue, "_inward", lambda self, X: X)
-    assert least(Catalogue(whole.system, whole.families)) < 0, "the example must violate a product"
+    assert least(Catalogue(whole.unknowns.system, whole.unknowns.families)) < 0, "the example must violate a product"

@@ -25,19 +25,19 @@ def test_linear() -> None:
     asked = question(ps.PersidskiiModel([[-2.0]], [], [[1.0]]))
     best = best_rate(asked, 4.0, plenty)
     assert best is not None
-    kappa = best.assembly.target.kappa
+    kappa = best.assembly.unknowns.target.kappa
     assert 3.6 <= kappa <= 4.0
     found = smallest_gain(asked, RATE_SHARE * kappa, best, plenty)
     assert found is not None
-    assert found.assembly.target.ratio is not None
-    assert 0.5 <= np.sqrt(found.assembly.target.ratio / found.assembly.target.kappa) <= 0.55
+    assert found.assembly.unknowns.target.ratio is not None
+    assert 0.5 <= np.sqrt(found.assembly.unknowns.target.ratio / found.assembly.unknowns.target.kappa) <= 0.55
 
 
 def test_rotation() -> None:
     """A spiral decays at the real part of its eigenvalues."""
     best = best_rate(question(ps.PersidskiiModel([[-1.0, 5.0], [-5.0, -1.0]], [], [[1.0], [0.0]])), 2.0, plenty)
     assert best is not None
-    assert 1.8 <= best.assembly.target.kappa <= 2.0
+    assert 1.8 <= best.assembly.unknowns.target.kappa <= 2.0
 
 
 def test_no_time() -> None:

@@ -42,15 +42,15 @@ def test_full_P_where_a_diagonal_one_does_not_do() -> None:
 
 
 def _prices(found: Outcome, X: ndarray) -> list[tuple[ndarray, ndarray]]:
-    about = found.assembly
-    return catalogue(about.system, about.families, about.problem.symmetric > 0, about.target).prices(X)
+    about = found.assembly.unknowns
+    return catalogue(about.system, about.families, about.symmetric > 0, about.target).prices(X)
 
 
 def test_nothing_is_left_to_join_when_it_is_infeasible() -> None:
     """An infeasible answer prices every product and density of the pools, and none of them may help."""
     found = _searched(BY_NAME["bistable tanh"].build())
     assert found.status is Status.INFEASIBLE
-    for family, prices in zip(found.assembly.families, _prices(found, found.solution.X), strict=True):
+    for family, prices in zip(found.assembly.unknowns.families, _prices(found, found.solution.X), strict=True):
         grown = join(family, prices, found.solution.upper)
         assert set(grown.products) <= set(family.products)
         assert set(grown.densities) <= set(family.densities)
@@ -94,9 +94,9 @@ def test_couplings_near_the_limit_are_decided() -> None:
 def test_fence_lets_a_step_go_to_a_share_of_the_way_out() -> None:
     """A step that would price a product negatively is cut so that a tenth of that product's price is left."""
     found = _searched(BY_NAME["bistable tanh"].build())
-    about = found.assembly
+    about = found.assembly.unknowns
     whole = catalogue(about.system, about.families, False, about.target)
-    X, m = about.problem.X, 1e3
+    X, m = found.assembly.problem.X, 1e3
     line = np.random.default_rng(0).normal(size=len(X))
     out = X - 10 * np.outer(line, line)
     fence = PoolFence(whole)
@@ -111,7 +111,7 @@ def test_fence_lets_a_step_go_to_a_share_of_the_way_out() -> None:
 def test_joining_takes_only_negative_prices() -> None:
     """What joins a family violates the dual matrix that prices it, the most violated first."""
     found = _searched(BY_NAME["bistable tanh"].build())
-    bare = replace(found.assembly.families[0], densities=(0,), products=())
+    bare = replace(found.assembly.unknowns.families[0], densities=(0,), products=())
     prices = _prices(found, np.eye(len(found.solution.X)))[0]
     price = prices[0].copy()
     grown = join(bare, prices, found.solution.upper)

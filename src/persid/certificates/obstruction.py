@@ -51,8 +51,8 @@ class Obstruction:
 
 def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | None:
     """Return the obstruction that the dual matrix of an infeasible search is, if the checker accepts it."""
-    system, full = outcome.assembly.system, outcome.assembly.problem.symmetric > 0
-    if outcome.assembly.target.kappa or len(system.states) < model.n:
+    system, full = outcome.assembly.unknowns.system, outcome.assembly.problem.symmetric > 0
+    if outcome.assembly.unknowns.target.kappa or len(system.states) < model.n:
         return None
     try:
         L = _factor(outcome)
@@ -70,7 +70,7 @@ def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | 
 
 def _factor(outcome: Outcome) -> Float[ndarray, "N r"]:
     """Return integers L with L L' close to X in the units of z."""
-    w = outcome.assembly.units.entries
+    w = outcome.assembly.unknowns.units.entries
     L = np.linalg.cholesky(outcome.solution.X) * w[:, None]
     return np.round(np.ldexp(L, BITS - int(np.ceil(np.log2(np.abs(L).max())))))
 
@@ -90,7 +90,7 @@ def _lyapunov_product(system: System, L: ndarray) -> ndarray:
 
 def _forms(system: System, g: int, outcome: Outcome) -> list[list[list[int]]]:
     """Return the forms of a group's pool over (y, every member)."""
-    group, pool = system.groups[g], outcome.assembly.families[g].forms
+    group, pool = system.groups[g], outcome.assembly.unknowns.families[g].forms
     forms = np.zeros((len(pool), 1 + len(group.members)))
     forms[:, [0, *(1 + group.members.index(c) for c in group.channels)]] = pool
     return [dyadics(form) for form in forms]

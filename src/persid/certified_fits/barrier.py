@@ -16,10 +16,9 @@ import scipy.linalg as sla
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.certified_fits.bilinear import Inequality, Pairs, Point
-from persid.lyapunov.pairs import pack, schur_of_P
+from persid.certified_fits.bilinear import Inequality, Point
+from persid.lyapunov.pairs import pack, pair_products, schur_of_P, tied
 
-BLOCK = 64  # rows of the Hessian made at once: what they gather from stays in the cache
 HOLD = 1.0  # weight of |F|^2 / 2 in the barrier: models whose coefficients the data do not hold stay near the others
 
 
@@ -71,8 +70,7 @@ def derivatives(inequality: Inequality, state: State) -> tuple[ndarray, ndarray,
     V = half.T @ half
     tie, K, free = inequality.tie, inequality.coefficients, inequality.free
     g = pairings(inequality, V)
-    M = _products(V, inequality.pairs)
-    H = np.asarray(tie.T @ np.ascontiguousarray((tie.T @ M).T))
+    H = tied(pair_products(inequality.pairs.p, inequality.pairs.q, V, V, inequality.square), tie)
     flow = inequality.flow
     held = tie[: len(flow.p), :K]
     g[:K] += HOLD * (held.T @ state.F[flow.q, flow.p])
@@ -86,19 +84,6 @@ def derivatives(inequality: Inequality, state: State) -> tuple[ndarray, ndarray,
         g[K : K + free] -= pack(inverse)
         H[K : K + free, K : K + free] += schur_of_P(inverse, inverse)
     return g, H, _bilinear(inequality, V)
-
-
-def _products(V: ndarray, pairs: Pairs) -> ndarray:
-    """Return tr(F_k Z^-1 F_l Z^-1) of all pairs."""
-    p, q = pairs.p, pairs.q
-    M = np.empty((len(p), len(p)))
-    for start in range(0, len(p), BLOCK):
-        rows = slice(start, start + BLOCK)
-        Vp, Vq = V[p[rows]], V[q[rows]]
-        block = Vq.take(p, 1) * Vp.take(q, 1)
-        block += Vq.take(q, 1) * Vp.take(p, 1)
-        M[rows] = 2 * block
-    return M
 
 
 def _bilinear(inequality: Inequality, V: ndarray) -> ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy import sparse
 
@@ -26,6 +26,10 @@ class Pairs:
     q: Int[ndarray, " K"]
     owner: Int[ndarray, " K"]
     weight: Float[ndarray, " K"]
+
+    def __getitem__(self, which: Bool[ndarray, " K"]) -> "Pairs":
+        """Return some of the pairs."""
+        return Pairs(self.p[which], self.q[which], self.owner[which], self.weight[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +84,11 @@ class Inequality:
         """The weight of each pair (row) in its unknown (column)."""
         shape = (len(self.pairs.p), self.coefficients + len(self.cost))
         return sparse.csr_array((self.pairs.weight, (np.arange(shape[0]), self.pairs.owner)), shape=shape)
+
+    @cached_property
+    def square(self) -> Float[ndarray, "K K"]:
+        """Room for the products of all pairs, which every step of a descent overwrites."""
+        return np.empty((len(self.pairs.p), len(self.pairs.p)))
 
     def flows(self, w: Float[ndarray, " K"]) -> Float[ndarray, "n W"]:
         """Return F."""

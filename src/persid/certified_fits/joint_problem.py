@@ -5,7 +5,7 @@ equilibrium (so the constant b is free), or all sector forms about one anchored 
 b = -A phi(x*), and the columns of the regression become phi - phi(x*)).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,23 +13,22 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._dyadics import rounded
 from persid.certified_fits.bilinear import Fit, Inequality, Pairs, Point
 from persid.identification.gram import Gram
 from persid.identification.structure import Structure
-from persid.lyapunov.inequality import assemble
+from persid.lyapunov.inequality import Catalogue, Terms, assemble
 from persid.lyapunov.interior_point import Status, solve
-from persid.lyapunov.multipliers import NEGLIGIBLE, Chosen, Lyapunov
+from persid.lyapunov.multipliers import NEGLIGIBLE, Lyapunov, lyapunov_function
 from persid.lyapunov.sectors import Curve, Group, Place, groups, nondecreasing_facets, pool
 from persid.lyapunov.system import (
     Family,
-    Multipliers,
     Scaling,
     System,
     Target,
     scaling,
     system,
 )
+from persid.lyapunov.unknowns import Unknowns
 from persid.models.model import PersidskiiModel
 
 FORMS = {2: 12, 4: 10, 8: 8, 12: 7}  # forms of a group that take part, by the number of states
@@ -226,64 +225,24 @@ class Frame:
         return self.pattern.B.shape[1] if self.demand.ratio is not None else 0
 
     @cached_property
-    def lifted(self) -> tuple[tuple[ndarray, ndarray], ...]:
-        """For each group the rows l'N_g in scaled units, made unit vectors, and their norms."""
-        found = []
-        for group, forms in zip(self.groups, self.forms, strict=True):
-            rows = np.zeros((len(forms), self.pattern.entries + self.inputs))
-            rows[:, : self.pattern.entries] = self.pattern.lift(group, forms) * self.units.entries
-            norms = np.linalg.norm(rows, axis=1)
-            found.append((rows / norms[:, None], norms))
-        return tuple(found)
-
-    @cached_property
-    def shape(self) -> ndarray:
-        """The matrix I of P >= p I in scaled units, its largest entry 1."""
-        squares = self.units.states**2
-        return squares / squares.max()
+    def _assembled(self) -> tuple[Unknowns, Terms]:
+        """What y stands for, and the terms of its unknowns; first among the rows stand those of all entries."""
+        whole = Catalogue(self.pattern, self.families, full_P=self.full_P, target=self.target, units=self.units)
+        terms = whole.terms(self.families, range(self.pattern.entries + self.inputs))
+        return whole.unknowns(self.families, terms), terms
 
     @cached_property
     def inequality(self) -> Inequality:
         """The inequality in scaled units; unknowns y are P, then group by group mu and tau, then p."""
-        pattern, units, n = self.pattern, self.units, self.pattern.n
-        width, kept = pattern.entries + self.inputs, pattern.states
-        S, rho, upper = [np.eye(width)], [np.eye(n)], [np.full(n, 0.5)]
-        height, gradients = width, n
-        gradient: list[tuple[int, int, int, float]] = []
-        product: list[tuple[int, int, int, float]] = []
-        cost: list[float] = []
-        for a, i in enumerate(kept):
-            for b in range(a, len(kept)) if self.full_P else (a,):
-                gradient.append((a, kept[b], len(cost), 1.0))
-                if self.full_P:
-                    gradient.append((b, i, len(cost), 1.0))
-                cost.append((2.0 if b == a else 0.0) if self.full_P else 1.0)
-        for group, family, (rows, _) in zip(self.groups, self.families, self.lifted, strict=True):
-            direction = group.row * units.states
-            c = self.upper[group.curve]
-            S.append(rows)
-            for k in family.densities:
-                rho.append((direction / np.linalg.norm(direction))[None])
-                upper.append(np.array([c[k] if self.demand.kappa else 0.0]))
-                gradient.append((height + k, gradients, len(cost), 1.0))
-                cost.append(1.0)
-                gradients += 1
-            for k, j in family.products:
-                product.append((height + k, height + j, len(cost), 1.0))
-                cost.append(0.0)
-            height += len(rows)
-        if self.demand.ratio is not None:
-            places = {int(i): a for a, i in enumerate(kept)}
-            gradient += [(places[i], i, len(cost), float(self.shape[i])) for i in range(n)]
-            weight = -0.5 * self.demand.ratio * units.inputs**2 / (units.rate * (units.states**2).max())
-            product += [
-                (pattern.entries + k, pattern.entries + k, len(cost), float(weight[k])) for k in range(self.inputs)
-            ]
-            cost.append(float(self.shape.sum()))
+        _, terms = self._assembled
+        S, kept = terms.S.toarray(), np.array(self.pattern.states, int)
+        slopes = terms.q >= len(S)
+        gradient = Pairs(terms.p, terms.q - len(S), terms.owner, terms.weight)[slopes]
+        product = Pairs(terms.p, terms.q, terms.owner, terms.weight)[~slopes]
         return Inequality(
-            np.vstack(S), np.vstack(rho), np.concatenate(upper), self._scaled_flow(self.given), np.array(kept, int),
-            _pairs(gradient), _pairs(product), self._flow_pairs(), np.array(cost), len(kept) if self.full_P else 0,
-            self.demand.kappa / units.rate, self.demand.delta, len(self.fit.w0),
+            S, terms.rho, terms.upper, self._scaled_flow(self.given), kept, gradient, product, self._flow_pairs(),
+            terms.cost, len(kept) if self.full_P else 0, self.demand.kappa / self.units.rate, self.demand.delta,
+            len(self.fit.w0),
         )  # fmt: skip
 
     @cached_property
@@ -325,9 +284,8 @@ class Frame:
         """Return the point of coefficients with the multipliers of largest margin; slack 0 where that suffices."""
         found = assemble(self.system(theta), self.families, full_P=self.full_P, target=self.target)
         solution = solve(found.problem, time_limit=time_limit, gap=1e-3)
-        numbers = found.multipliers(solution.y)
-        p = float(solution.y[-1] / found.sizes[-1]) if self.demand.ratio is not None else 0.0
-        w, y = self.unknowns(theta), self._scaled(numbers, p)
+        y = self._assembled[0].values(found.unknowns.multipliers(solution.y))
+        w, y = self.unknowns(theta), y / (self.inequality.cost @ y)
         inequality = self.inequality
         D = inequality.rows(inequality.flows(w), inequality.slopes(y))
         lowest = float(np.linalg.eigvalsh(inequality.matrix(D, y))[0])
@@ -335,63 +293,13 @@ class Frame:
             return Point(w, y)
         return Point(w, y, max(-1.5 * lowest, 1e-3))
 
-    def _scaled(self, numbers: Multipliers, p: float) -> ndarray:
-        """Return y of multipliers in the user's units, made to satisfy c'y = 1."""
-        units, kept = self.units, list(self.pattern.states)
-        P = (numbers.P - p * np.eye(self.pattern.n)) * units.states * units.states[:, None]
-        P = P[np.ix_(kept, kept)]
-        parts = [
-            P[np.triu_indices(len(P))] / (1 + np.eye(len(P)))[np.triu_indices(len(P))] if self.full_P else np.diag(P)
-        ]
-        for group, family, (_, norms), mu, tau in zip(
-            self.groups, self.families, self.lifted, numbers.mu, numbers.tau, strict=True
-        ):
-            length = float(np.linalg.norm(group.row * units.states))
-            used = list(family.densities)
-            parts.append(mu[used] * norms[used] * length)
-            parts.append(
-                np.array([t * norms[k] * norms[j] for (k, j), t in zip(family.products, tau, strict=True)]) / units.rate
-            )
-        if self.demand.ratio is not None:
-            parts.append(np.array([p * (units.states**2).max()]))
-        y = np.concatenate(parts)
-        return y / (self.inequality.cost @ y)
-
     def lyapunov(self, model: PersidskiiModel, y: Float[ndarray, " J"], found: tuple[Group, ...]) -> Lyapunov | None:
         """Return the Lyapunov function of a point for the model's groups about its own equilibrium, leanly."""
         pools = {group.curve: forms for group, forms in zip(found, self.forms, strict=True)}
         own = system(model, found, pools, shifted=True)
         sizes = np.where(np.arange(len(y)) < self.inequality.free, np.inf, np.abs(y))
         for share in (*NEGLIGIBLE, 0.0):
-            candidate = self._lyapunov(own, np.where(sizes < share * np.abs(y).max(), 0.0, y))
+            candidate = lyapunov_function(self._assembled[0], np.where(sizes < share * np.abs(y).max(), 0.0, y), own)
             if candidate.is_sound:
                 return candidate
         return None
-
-    def _lyapunov(self, own: System, y: ndarray) -> Lyapunov:
-        units, kept = self.units, list(self.pattern.states)
-        inequality = self.inequality
-        k = len(kept)
-        P = inequality.P(y) if self.full_P else np.diag(y[:k])
-        full = np.zeros((own.n, own.n))
-        full[np.ix_(kept, kept)] = P
-        at = inequality.free or k
-        chosen = []
-        for group, family, (_, norms), forms in zip(self.groups, self.families, self.lifted, self.forms, strict=True):
-            length = float(np.linalg.norm(group.row * units.states))
-            used, count = list(family.densities), len(family.densities)
-            mu = np.zeros(len(forms))
-            mu[used] = y[at : at + count] / norms[used] / length
-            at += count
-            first, second = np.array(family.products, int).reshape(-1, 2).T
-            tau = y[at : at + len(first)] * units.rate / (norms[first] * norms[second])
-            at += len(first)
-            chosen.append(Chosen.of(family, mu, tau, self.upper[group.curve], np.zeros(len(mu))))
-        if self.demand.ratio is not None:
-            full += y[-1] * np.diag(self.shape)
-        return Lyapunov(own, rounded(full / units.states / units.states[:, None]), tuple(chosen), self.demand.kappa)
-
-
-def _pairs(rows: Sequence[tuple[int, int, int, float]]) -> Pairs:
-    p, q, owner, weight = zip(*rows, strict=True) if rows else ((), (), (), ())
-    return Pairs(np.array(p, int), np.array(q, int), np.array(owner, int), np.array(weight, float))

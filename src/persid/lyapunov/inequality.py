@@ -9,10 +9,10 @@ Paper: thm:main_ISS and cor:extension_basis_function are the special cases with 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,77 +20,50 @@ from numpy import ndarray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from persid.lyapunov.pairs import Problem, pairings, unpack
+from persid.lyapunov.pairs import Problem, pairings
 from persid.lyapunov.sectors import Group
-from persid.lyapunov.system import Family, Multipliers, Scaling, System, Target, scaling
+from persid.lyapunov.system import Family, Scaling, System, Target, scaling
+from persid.lyapunov.unknowns import Label, Unknowns, labels
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
 
 Prices = list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]  # of a group's products, and of its densities
-Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("p",)
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A Problem together with what is needed to read multipliers back in the user's units.
+    """A Problem together with what its unknowns are."""
 
-    Unknown j is the multiplier times `sizes[j]`; the unknowns of group g begin at `offsets[g]`; a last unknown is p
-    where the target has a ratio.
+    unknowns: Unknowns
+    problem: Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Unknowns as sums of pairs of rows of [S; H], pair k (p[k], q[k]) of unknown owner[k] with a weight.
+
+    Row h of H belongs to a gradient: it is rho_h (F + kappa upper_h I_x) for the flow x' = F (z, u) in scaled units, or
+    a multiple of that. `cost` is what the unknowns add to c'y, `sizes` what they are times their multipliers.
     """
 
-    system: System
-    families: tuple[Family, ...]
-    target: Target
-    units: Scaling
-    problem: Problem
+    S: sparse.csr_array
+    H: Float[ndarray, "h W"]
+    rho: Float[ndarray, "h n"]
+    upper: Float[ndarray, " h"]
+    p: Int[ndarray, " K"]
+    q: Int[ndarray, " K"]
+    owner: Int[ndarray, " K"]
+    weight: Float[ndarray, " K"]
+    cost: Float[ndarray, " J"]
     sizes: Float[ndarray, " J"]
-    offsets: tuple[int, ...] = field(repr=False)
-
-    def multipliers(self, y: Float[ndarray, " J"]) -> Multipliers:
-        """Return the multipliers of a solution in the user's units."""
-        kept = list(self.system.states)
-        values = y / self.sizes
-        states = self.units.states[kept]
-        P = np.zeros((self.system.n, self.system.n))
-        if self.problem.symmetric:
-            scaled = unpack(self.problem, y)
-            P[np.ix_(kept, kept)] = scaled / (states[:, None] * states * self.units.rate)
-        else:
-            P[kept, kept] = values[: len(kept)]
-        if self.target.ratio is not None:
-            P += values[-1] * np.diag(_shape(self.target, self.system))
-        mu, tau = [], []
-        for group, family, start in zip(self.system.groups, self.families, self.offsets, strict=True):
-            middle = start + len(family.densities)
-            full = np.zeros(len(family.forms))
-            full[list(family.densities)] = values[start:middle]
-            P -= float(full @ self.target.lower.get(group.curve, np.zeros(len(full)))) * np.outer(group.row, group.row)
-            mu.append(full)
-            tau.append(values[middle : middle + len(family.products)])
-        return Multipliers(P, tuple(mu), tuple(tau))
 
     @property
-    def labels(self) -> list[Label]:
-        """What the unknowns are, in order."""
-        count = self.problem.free or len(self.system.states)
-        return _labels(count, self.families, self.target)
-
-    def places_in(self, other: "Assembly") -> Int[ndarray, " J"]:
-        """Return the place in another problem of every unknown of this one; -1 where it is not there."""
-        place = {label: j for j, label in enumerate(other.labels)}
-        return np.array([place.get(label, -1) for label in self.labels], int)
-
-
-def _labels(count: int, families: Sequence[Family], target: Target) -> list[Label]:
-    names: list[Label] = [("P", i) for i in range(count)]
-    for g, family in enumerate(families):
-        names += [("mu", g, k) for k in family.densities]
-        names += [("tau", g, *pair) for pair in family.products]
-    return names if target.ratio is None else [*names, ("p",)]
-
-
-def _shape(target: Target, system: System) -> ndarray:
-    return np.ones(system.n) if target.shape is None else target.shape
+    def tie(self) -> sparse.csr_array | None:
+        """The weight of each pair (row) in its unknown (column); None where each unknown is one pair."""
+        if len(self.p) == len(self.cost):
+            return None
+        shape = (len(self.p), len(self.cost))
+        return sparse.csr_array((self.weight, (np.arange(len(self.p)), self.owner)), shape=shape)
 
 
 def assemble(
@@ -116,24 +89,24 @@ class _Unknown(NamedTuple):
 class Catalogue:
     """All rows of D = [S; H] and all unknowns that families of forms allow, from which problems are put together.
 
-    The densities are those of the families; products may be any.
+    The densities are those of the families; products may be any. `units` are given where the flow of the system is
+    unknown, as it is in a fit: the gradients, not their products with the flow, are then made unit vectors.
     """
 
     def __init__(
-        self, system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None
-    ) -> None:
+        self, system: System, families: Sequence[Family], *, full_P: bool = False, target: Target | None = None,
+        units: Scaling | None = None,
+    ) -> None:  # fmt: skip
         self.system, self.families, self.full_P, self.target = system, families, full_P, target or Target()
-        self.units = units = scaling(system)
+        self.is_flow_known = units is None
+        self.units = units = scaling(system) if units is None else units
         inputs = system.B.shape[1] if self.target.ratio is not None else 0
         self.width = system.entries + inputs
         self.weights = np.concatenate([units.entries, units.inputs[:inputs]])
         self.flow = np.hstack([system.G, system.B[:, :inputs]]) * self.weights / units.rate
-        k = len(system.states)
-        unit_rows = np.concatenate([np.arange(k), np.arange(system.entries, self.width)])
-        self._S = [sparse.csr_array((np.ones(len(unit_rows)), (np.arange(len(unit_rows)), unit_rows)),
-                                    shape=(len(unit_rows), self.width))]  # fmt: skip
-        self._height = len(unit_rows)
-        self._H: list[ndarray] = []
+        self._S = [sparse.csr_array(sparse.eye_array(self.width))]
+        self._height = self.width
+        self._gradients: list[tuple[ndarray, float, ndarray]] = []  # rho, upper and the row of H
         self._codes: dict[tuple[int, float], int] = {}
         self._unknowns: dict[Label, _Unknown] = {}
         self._quadratic()
@@ -145,14 +118,19 @@ class Catalogue:
 
     def assembly(self, families: Sequence[Family]) -> Assembly:
         """Return the problem of some of the densities and of products, in families of the same forms."""
-        labels = _labels(self._entries_of_P, families, self.target)
-        unknowns = [self._product(*label[1:]) if label[0] == "tau" else self._unknowns[label] for label in labels]
-        counts = [len(family.densities) + len(family.products) for family in families]
-        offsets = self._entries_of_P + np.cumsum([0, *counts])[:-1]
-        problem, sizes = self._problem(unknowns), np.array([unknown.size for unknown in unknowns])
-        return Assembly(
-            self.system, tuple(families), self.target, self.units, problem, sizes, tuple(int(v) for v in offsets)
+        terms = self.terms(families)
+        return Assembly(self.unknowns(families, terms), self._problem(terms))
+
+    def terms(self, families: Sequence[Family], kept: Sequence[int] = ()) -> Terms:
+        """Return the unknowns of a problem as pairs of the rows that they use, and of rows that are `kept` anyway."""
+        names = labels(len(self.system.states), self.full_P, families, self.target)
+        return self._terms(
+            [self._product(*name[1:]) if name[0] == "tau" else self._unknowns[name] for name in names], kept
         )
+
+    def unknowns(self, families: Sequence[Family], terms: Terms) -> Unknowns:
+        """Return what the unknowns are, with the way back to multipliers."""
+        return Unknowns(self.system, tuple(families), self.target, self.units, terms.sizes, self._order_of_P)
 
     def prices(self, X: Float[ndarray, "w w"]) -> Prices:
         """Return <F, X> of every product and of every density of each group, as unknowns of a problem would have it.
@@ -160,9 +138,9 @@ class Catalogue:
         A product, or a density after adding the dual bound m, may help only where its price is negative; forms that
         are no densities get NaN.
         """
-        labels, problem = self._all_densities
+        names, problem = self._all_densities
         worth = [np.full(len(family.forms), np.nan) for family in self.families]
-        for (_, g, k), price in zip(labels, pairings(problem, X), strict=True):
+        for (_, g, k), price in zip(names, pairings(problem, X), strict=True):
             worth[g][k] = price
         return list(zip(self._product_prices(X), worth, strict=True))
 
@@ -171,13 +149,12 @@ class Catalogue:
 
     @cached_property
     def _all_densities(self) -> tuple[list[Label], Problem]:
-        labels = [label for label in self._unknowns if label[0] == "mu"]
-        return labels, self._problem([self._unknowns[label] for label in labels])
+        names = [name for name in self._unknowns if name[0] == "mu"]
+        return names, self._problem(self._terms([self._unknowns[name] for name in names]))
 
     @property
-    def _entries_of_P(self) -> int:
-        k = len(self.system.states)
-        return k * (k + 1) // 2 if self.full_P else k
+    def _order_of_P(self) -> int:
+        return len(self.system.states) if self.full_P else 0
 
     def _rows(self, group: Group, forms: ndarray) -> tuple[ndarray, ndarray, ndarray, ndarray]:
         """Add the rows l'N_g, in the units of z and made unit vectors; return places in S, norms, entries and where."""
@@ -222,11 +199,11 @@ class Catalogue:
             if (i, upper) not in self._codes:
                 unit = np.zeros(self.system.n)
                 unit[i] = 1.0
-                self._codes[i, upper] = self._append(self._decaying(unit, upper) / self.units.states[i])
+                self._codes[i, upper] = self._append(unit, upper, self._decaying(unit, upper), self.units.states[i])
             return self._codes[i, upper], float(row[i] * self.units.states[i] * self.units.rate)
         product = self._decaying(row, upper)
-        size = float(np.linalg.norm(product)) or 1.0
-        return self._append(product / size), size * self.units.rate
+        size = float(np.linalg.norm(product if self.is_flow_known else row * self.units.states)) or 1.0
+        return self._append(row, upper, product, size), size * self.units.rate
 
     def _decaying(self, row: ndarray, upper: float) -> ndarray:
         product = row @ self.flow
@@ -237,9 +214,9 @@ class Catalogue:
             )
         return product
 
-    def _append(self, row: ndarray) -> int:
-        self._H.append(row)
-        return -len(self._H)
+    def _append(self, row: ndarray, upper: float, product: ndarray, size: float) -> int:
+        self._gradients.append((row * self.units.states / size, upper, product / size))
+        return -len(self._gradients)
 
     def _quadratic(self) -> None:
         """Add the entries of P: half of x'Px is its own constant c = 1/2."""
@@ -259,8 +236,8 @@ class Catalogue:
         """Add p: P - p diag(shape) is what the entries of P stand for, and gamma = ratio p bounds the inputs."""
         k, rate = len(self.system.states), self.units.rate
         codes = [self._gradient(unit, 0.5)[0] for unit in np.eye(self.system.n)]
-        shape = _shape(self.target, self.system) * self.units.states**2 * rate
-        inputs = range(k, k + self.width - self.system.entries)
+        shape = self.target.shape_of(self.system) * self.units.states**2 * rate
+        inputs = range(self.system.entries, self.width)
         ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries :] ** 2
         size = float(shape.max())
         pairs = ((*range(k), *inputs), (*codes, *inputs), (*(shape / size).tolist(), *(ratio / size).tolist()))
@@ -301,26 +278,32 @@ class Catalogue:
         return connected_components(pattern.T @ pattern)[1].astype(int)
 
     @cached_property
-    def _all_rows(self) -> tuple[sparse.csr_array, ndarray]:
-        return sparse.csr_array(sparse.vstack(self._S)), np.array(self._H).reshape(-1, self.width)
+    def _all_rows(self) -> tuple[sparse.csr_array, ndarray, ndarray, ndarray]:
+        """S, H, and the gradients rho with their constants `upper`."""
+        rho, upper, H = zip(*self._gradients, strict=True) if self._gradients else ((), (), ())
+        return (
+            sparse.csr_array(sparse.vstack(self._S)), np.array(H).reshape(-1, self.width),
+            np.array(rho).reshape(-1, self.system.n), np.array(upper, float),
+        )  # fmt: skip
 
-    def _problem(self, unknowns: Sequence[_Unknown]) -> Problem:
-        """Return the problem of some unknowns, with the rows that they use."""
-        S, H = self._all_rows
+    def _terms(self, unknowns: Sequence[_Unknown], kept: Sequence[int] = ()) -> Terms:
+        """Return unknowns as pairs of the rows that they use."""
+        S, H, rho, upper = self._all_rows
         p, q = _flat(u.p for u in unknowns), _flat(u.q for u in unknowns)
-        rows, p = np.unique(np.concatenate([p, q[q >= 0]]), return_inverse=True)
+        rows, places = np.unique(np.concatenate([np.array(kept, int), p, q[q >= 0]]), return_inverse=True)
         lines, codes = np.unique(-1 - q[q < 0], return_inverse=True)
-        p, inside = p[: len(q)], p[len(q) :]
+        p, inside = places[len(kept) : len(kept) + len(q)], places[len(kept) + len(q) :]
         dense = q < 0
         q[~dense], q[dense] = inside, len(rows) + codes
-        tie = None
-        if len(p) > len(unknowns):
-            owner = np.repeat(np.arange(len(unknowns)), [len(u.p) for u in unknowns])
-            weight = np.array([w for u in unknowns for w in u.weight])
-            tie = sparse.csr_array((weight, (np.arange(len(p)), owner)), shape=(len(p), len(unknowns)))
-        cost = np.array([unknown.cost for unknown in unknowns])
-        k = len(self.system.states) if self.full_P else 0
-        return Problem(S[rows], H[lines], p, q, cost, self._interior, self._blocks, k, tie)
+        owner = np.repeat(np.arange(len(unknowns)), [len(u.p) for u in unknowns])
+        weight = np.array([w for u in unknowns for w in u.weight], float)
+        cost, sizes = np.array([u.cost for u in unknowns], float), np.array([u.size for u in unknowns], float)
+        return Terms(S[rows], H[lines], rho[lines], upper[lines], p, q, owner, weight, cost, sizes)
+
+    def _problem(self, terms: Terms) -> Problem:
+        return Problem(
+            terms.S, terms.H, terms.p, terms.q, terms.cost, self._interior, self._blocks, self._order_of_P, terms.tie
+        )
 
 
 def _flat(places: Iterable[tuple[int, ...]]) -> Int[ndarray, " K"]:

@@ -23,6 +23,7 @@ from persid.lyapunov.pairs import (
     sandwich,
     schur,
     schur_of_P,
+    symmetric_entries,
     unpack,
 )
 
@@ -108,7 +109,7 @@ def first_iterate(problem: Problem, least: float = 0.0) -> Iterate:
     x = np.where(x > 0, x, 1e-3 * lengths(problem, X)[free:])  # where X0 is not interior the equality comes later
     P = _inverse(_half(U))
     mu = 1 / (np.trace(P) + c @ (1 / x))
-    y = mu * np.concatenate([(P / (1 + np.eye(k)))[np.triu_indices(k)], 1 / x])
+    y = mu * np.concatenate([symmetric_entries(P), 1 / x])
     largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
     return Iterate(problem, y, -float(largest) - mu * problem.order, m, X, U, x)
 

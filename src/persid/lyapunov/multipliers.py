@@ -12,6 +12,7 @@ from persid._dyadics import SLACK, _floor, rounded
 from persid.errors import RoundingError
 from persid.lyapunov.inequality import Assembly
 from persid.lyapunov.system import Family, System
+from persid.lyapunov.unknowns import Unknowns
 
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)  # unknowns below such a share of the largest are tried as zeros
 LOSS = 1.05  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
@@ -147,9 +148,24 @@ def choose(
 
 
 def _lyapunov(assembly: Assembly, y: ndarray, lower: Sequence[ndarray] | None) -> Lyapunov:
-    numbers = assembly.multipliers(y)
-    chosen = _chosen(assembly, numbers.mu, numbers.tau, lower)
-    return Lyapunov(assembly.system, rounded(numbers.P), chosen, assembly.target.kappa)
+    return lyapunov_function(assembly.unknowns, y, assembly.unknowns.system, lower)
+
+
+def lyapunov_function(
+    unknowns: Unknowns,
+    y: Float[ndarray, " J"],
+    system: System,
+    lower: Sequence[Float[ndarray, " _"]] | None = None,
+) -> Lyapunov:
+    """Return the rounded Lyapunov function that unknowns stand for, of a system with groups of the same forms."""
+    numbers, target = unknowns.multipliers(y), unknowns.target
+    chosen = []
+    parts = zip(unknowns.system.groups, unknowns.families, numbers.mu, numbers.tau, strict=True)
+    for g, (group, family, mu, tau) in enumerate(parts):
+        upper = target.upper.get(group.curve, np.full(len(mu), np.nan))
+        below = np.zeros(len(mu)) if lower is None else lower[g]
+        chosen.append(Chosen.of(family, mu, tau, upper, below))
+    return Lyapunov(system, rounded(numbers.P), tuple(chosen), target.kappa)
 
 
 def _is_positive(M: ndarray) -> bool:
@@ -158,15 +174,3 @@ def _is_positive(M: ndarray) -> bool:
         return False
     scale = 1 / np.sqrt(diagonal)
     return not len(M) or bool(np.linalg.eigvalsh(scale[:, None] * M * scale)[0] > 1e-13)
-
-
-def _chosen(
-    assembly: Assembly, mus: Sequence[ndarray], taus: Sequence[ndarray], lower: Sequence[ndarray] | None
-) -> tuple[Chosen, ...]:
-    found = []
-    parts = zip(assembly.system.groups, assembly.families, mus, taus, strict=True)
-    for g, (group, family, mu, tau) in enumerate(parts):
-        upper = assembly.target.upper.get(group.curve, np.full(len(mu), np.nan))
-        below = np.zeros(len(mu)) if lower is None else lower[g]
-        found.append(Chosen.of(family, mu, tau, upper, below))
-    return tuple(found)

@@ -133,7 +133,15 @@ def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) 
 
     The next call for the same problem overwrites it.
     """
-    p, q, tie, M = problem.p, problem.q, problem.tie, problem._square
+    M = pair_products(problem.p, problem.q, Y, V, problem._square)
+    return M if problem.tie is None else tied(M, problem.tie)
+
+
+def pair_products(
+    p: Int[ndarray, " K"], q: Int[ndarray, " K"], Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"],
+    M: Float[ndarray, "K K"],
+) -> Float[ndarray, "K K"]:  # fmt: skip
+    """Write tr(F_k X F_l Z^-1) of single pairs (p_k, q_k) to the lower triangle of M, and return M."""
     for start in range(0, len(p), BLOCK):
         rows, stop = slice(start, start + BLOCK), min(start + BLOCK, len(p))
         r, s = p[:stop], q[:stop]
@@ -143,10 +151,13 @@ def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) 
         block += Yp.take(r, 1) * Vq.take(s, 1)
         block += Yp.take(s, 1) * Vq.take(r, 1)
         M[rows, :stop] = block
-    if tie is None:
-        return M
+    return M
+
+
+def tied(M: Float[ndarray, "K K"], tie: sparse.csr_array) -> Float[ndarray, "J J"]:
+    """Return tie' M tie for a symmetric M of which the lower triangle is given."""
     M = np.tril(M) + np.tril(M, -1).T
-    return tie.T @ (tie.T @ M).T
+    return np.asarray(tie.T @ np.ascontiguousarray((tie.T @ M).T))
 
 
 def unpack(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
@@ -159,6 +170,11 @@ def symmetric_matrix(order: int, entries: Float[ndarray, " f"]) -> Float[ndarray
     P = np.zeros((order, order))
     P[np.triu_indices(order)] = entries
     return P + P.T
+
+
+def symmetric_entries(P: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:
+    """Return the entries of which `symmetric_matrix` makes P."""
+    return (P / (1 + np.eye(len(P))))[np.triu_indices(len(P))]
 
 
 def pack(M: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:

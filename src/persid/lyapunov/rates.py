@@ -32,7 +32,7 @@ class Question:
     ) -> Outcome | None:
         """Return a feasible outcome for a rate and a ratio gamma / p, or None."""
         target = Target(kappa, ratio, self.shape, self.upper, self.lower)
-        families = None if start is None else start.assembly.families
+        families = None if start is None else start.assembly.unknowns.families
         found = search(self.system, self.pools, full_P=self.full, target=target, families=families, time_limit=left())
         if found.status is Status.INTERRUPTED:
             raise KeyboardInterrupt

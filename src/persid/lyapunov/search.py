@@ -84,15 +84,15 @@ def search(
             break
         X, m = (solution.X, solution.last.m) if fence is None else solution.aim
         prices = whole.prices(X)
-        grown = tuple(map(join, assembly.families, prices, repeat(m)))
-        settled = all(_contains(old, new) for old, new in zip(assembly.families, grown, strict=True))
+        grown = tuple(map(join, assembly.unknowns.families, prices, repeat(m)))
+        settled = all(_contains(old, new) for old, new in zip(assembly.unknowns.families, grown, strict=True))
         if settled and solution.status is Status.INFEASIBLE:
             break
         before, assembly = assembly, assembly if settled else whole.assembly(grown)
         if fence is None and solution.status is not Status.ROUGH:
             start, fence = None, PoolFence(whole)
         else:
-            start = solution, assembly.places_in(before)
+            start = solution, assembly.unknowns.places_in(before.unknowns)
     return Outcome(assembly, solution, count, steps)
 
 

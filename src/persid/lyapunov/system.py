@@ -119,14 +119,22 @@ class Target:
     upper: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
     lower: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
 
+    def shape_of(self, system: System) -> Float[ndarray, " n"]:
+        """Return the diagonal of the matrix that P is at least p times."""
+        return np.ones(system.n) if self.shape is None else self.shape
+
 
 @dataclass(frozen=True, eq=False)
 class Multipliers:
-    """Numbers of a Lyapunov function: P, and per group mu (one per form) and tau (one per product of the family)."""
+    """Numbers of a Lyapunov function: P, and per group mu (one per form) and tau (one per product of the family).
+
+    `p` is the part p diag(shape) of P, 0 without a ratio.
+    """
 
     P: Float[ndarray, "n n"]
     mu: tuple[ndarray, ...]
     tau: tuple[ndarray, ...]
+    p: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

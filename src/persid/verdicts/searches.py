@@ -106,5 +106,5 @@ def rate_and_gain(setting: Setting, full_P: bool, each: bool, log: Log) -> Lyapu
         if log.left() > 0 and reach is not None:
             return Failure(Reason.NOT_FOUND, words.SMALLER)
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    gentle = smallest_gain(question, RATE_SHARE * best.assembly.target.kappa, best, log.left) or best
+    gentle = smallest_gain(question, RATE_SHARE * best.assembly.unknowns.target.kappa, best, log.left) or best
     return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
