@@ -79,6 +79,30 @@ def test_several_equilibria_leave_the_region_of_the_named_one() -> None:
     assert made.scores.headline.r2_mean > 0.99
 
 
+def test_a_swing_equation_is_judged_about_its_named_equilibrium() -> None:
+    """Its exact model is delivered with a proof of the region about the named equilibrium, and no substitute."""
+    rhs = lambda x, u: np.array([x[1], 1 - 4 * np.sin(x[0]) - 0.3 * x[1]])  # noqa: E731
+    starts = np.random.default_rng(1).uniform(-0.5, 0.5, (6, 2)).tolist()
+    data = simulated(rhs, starts, lambda x, rng: np.zeros(0), 0.02, 400)
+    made = handed_over(data, functions=[["x", "sin(x)"], ["x"]])
+    assert made.alternative is not None
+    assert isinstance(made.verdict, ps.Certified)
+    assert made.verdict.certificate.scope == "regional"
+    assert made.verdict.certificate.operating_point[0] == pytest.approx(np.arcsin(0.25), abs=1e-4)
+    assert made.scores is not None
+    assert made.scores.headline.rmse[0] < 3e-6
+
+
+def test_an_input_that_moves_in_the_held_out_part_only_is_scored() -> None:
+    """A step of the input behind the part that is fitted leaves that fit without this input, and there is a score."""
+    data = simulated(lambda x, u: -x + u[:1], [[0.1]], lambda x, rng: rng.choice([-1, 1]), 0.05, 600)
+    late = np.where(np.arange(600) < 550, 0.0, 1.0)
+    both = ps.Trajectories.from_arrays(data[0].x, np.column_stack([data[0].u, late]), dt=0.05)
+    fit = ps.PersidskiiIdentifier(["x"]).fit(both)
+    assert fit.model_.m == 2
+    assert trial(fit, None, both).free.headline.r2_mean > 0.99
+
+
 def test_short_runs_are_held_out_whole() -> None:
     """Of many runs too short for a tail some are held out whole, so that there is a score."""
     data = simulated(lambda x, u: -x + u, [[v] for v in np.linspace(-2, 2, 20)], lambda x, rng: rng.normal(), 0.1, 20)

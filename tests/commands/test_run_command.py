@@ -258,3 +258,19 @@ def test_run_of_an_unstable_plant_under_feedback(
     assert cli.main(["check", "out/alternative/certificate.json"]) == 0
     assert "the certified one is kept beside it" in Path("out/report.html").read_text()
     assert cli.main(["report", "out"]) == 0
+
+
+@pytest.mark.usefixtures("plain_page")
+@pytest.mark.parametrize("engine", ["memory", "chunks"])
+def test_a_constant_input_is_no_input(here: Path, engine: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A column that never varies is noted, in memory and chunk by chunk, and no claim names it."""
+    rows = (here / "data.csv").read_text().splitlines()
+    (here / "data.csv").write_text("\n".join([f"{rows[0]},v", *(f"{row},0.7" for row in rows[1:])]) + "\n")
+    words = ["data.csv", "--states", "x1,x2", "--inputs", "v,u", "--functions", "x", "--ridge", "0.05"]
+    assert cli.main(["identify", *words, "--engine", engine, "-o", "m.json", "--json"]) == 0
+    assert "v never varies: no input of the model" in json.loads(capsys.readouterr().out)["notes"]
+    assert ps.load_model("m.json").inputs == ("u",)
+    if engine == "memory":
+        cli.main(["run", *words, "-o", "out"])
+        assert ps.load_model("out/model.json").inputs == ("u",)
+        assert cli.main(["report", "out"]) == 0

@@ -261,13 +261,47 @@ def test_the_report_speaks():
     assert "free run, held out" in str(report)
 
 
-def test_warnings_name_what_to_do():
-    """A constant input is reported with the consequence; its coefficient is 0."""
+def test_an_input_that_never_varies_is_none():
+    """A constant input is noted and no input of the model; data that hold it are scored all the same."""
     data = traffic()
     u = np.hstack([data[0].u, np.ones((1000, 1))])
     fit = PersidskiiIdentifier(ridge=1e-3).fit(data[0].x, u=u, t=data[0].t)
-    assert any("u2 never varies" in text for text in fit.report_.warnings)
-    assert (fit.model_.B[:, 1] == 0).all()
+    assert "u2 never varies: no input of the model" in fit.report_.notes
+    assert (fit.model_.inputs, fit.n_inputs_in_) == (("u1",), 2)
+    assert fit.score(data[0].x, u=u, t=data[0].t) == PersidskiiIdentifier(ridge=1e-3).fit(data).score(data)
+
+
+def swing() -> Trajectories:
+    """A swing equation, x1'' = 1 - 4 sin(x1) - 0.3 x1', six runs of small angles."""
+    model = PersidskiiModel([[0, 1], [0, -0.3]], [("sin(x)", [[1, 0]], [[0], [-4]])], b=[0, 1])
+    starts = np.random.default_rng(1).uniform(-0.5, 0.5, (6, 2))
+    runs = [model.simulate(start, 0.02 * np.arange(400))[0].x for start in starts]
+    return Trajectories.from_arrays(runs, dt=0.02, states=["angle", "speed"])
+
+
+def test_a_function_that_is_the_law_of_the_plant_keeps_its_scale():
+    """Where sin(x) is exact, no sin(2x) takes its place, however small the angles are; elsewhere arguments are of
+    order 1."""
+    functions = [["x", "sin(x)"], ["x"]]
+    fit = PersidskiiIdentifier(functions).fit(swing())
+    assert (fit.basis_.scale == 1).all()
+    assert fit.report_.free_run.rmse < 3e-6
+    assert fit.model_.terms[0].A[1, 0] == pytest.approx(-4, rel=1e-3)
+    assert not (make_basis(swing(), functions).scale == 1).all()
+    other = PersidskiiIdentifier([["x", "tanh(x)"], ["x"]]).fit(swing())
+    assert not (other.basis_.scale == 1).all()
+
+
+def test_an_unstable_plant_that_is_foretold_is_not_warned_about():
+    """Its long free run leaves the data however good the model; the warnings are about what can be foretold."""
+    rng, x, u = np.random.default_rng(0), [0.1], []
+    for _ in range(600):
+        u.append(-2 * x[-1] + rng.choice([-1, 1]))
+        x.append((x[-1] + u[-1]) * np.exp(0.05) - u[-1])
+    measured = np.array(x[:-1]) + rng.normal(0, 0.01, 600)
+    report = PersidskiiIdentifier(["x"]).fit(measured[:, None], u=np.array(u), dt=0.05).report_
+    assert report.free_run.blow_ups or report.free_run.r2_mean < 0.9
+    assert not any("free run" in text for text in report.warnings)
 
 
 def test_least_squares_is_warned_about():

@@ -476,3 +476,30 @@ def test_sparse_models_have_a_page() -> None:
     assert verdict.is_certified
     assert "claim L1" in text
     assert model.sha256 in text
+
+
+def test_a_point_outside_the_data_is_said_whatever_the_verdict() -> None:
+    """A refutation and an undecided question about a state or an input that never occurs say so, too."""
+    data = ps.Trajectories.from_arrays(np.linspace(3, 4, 50)[:, None], np.linspace(1, 2, 50), dt=0.1)
+    for u_ref, named in (([0.0], ["state x* = (0)", "input u* = (0)"]), ([1.5], ["state x* = (0)"])):
+        model = ps.PersidskiiModel([[1.0]], B=[[1.0]], u_ref=u_ref)
+        refuted = ps.certify(model)
+        assert isinstance(refuted, ps.Refuted)
+        said = [f"the nominal {one} lies outside the range of the data" for one in named]
+        assert list(cautions(refuted, None, data)) == said
+        assert list(cautions(Undecided(Reason.STALLED), None, data, model)) == said
+
+
+def test_a_typical_input_occurs() -> None:
+    """Where 0 lies outside the range of an input, the nominal one is a value inside it, and nothing is said."""
+    rng = np.random.default_rng(0)
+    u = np.where(rng.random(400) < 0.5, 3.0, 4.0)
+    x = [3.5]
+    for k in range(399):
+        x.append(u[k] + (x[-1] - u[k]) * np.exp(-0.05))
+    data = ps.Trajectories.from_arrays(np.array(x)[:, None], u, dt=0.05)
+    model = ps.PersidskiiIdentifier(["x"], ridge=1e-6).fit(data).model_
+    assert 3 <= model.u_ref[0] <= 4
+    verdict = ps.certify(model)
+    assert cautions(verdict, None, data, model) == ()
+    assert verdict.certificate.operating_point[0] == pytest.approx(model.u_ref[0], rel=0.01)

@@ -138,7 +138,8 @@ def trial(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, time_l
 
 
 def _scores(model: PersidskiiModel, parts: HeldOut, record: Record, hold: str) -> Scores:
-    return held_out_scores(model, parts.held, record, hold, parts.basis, parts.before)
+    held = parts.held.with_inputs(model.inputs)  # one that moves in the held-out part only is none of the model's
+    return held_out_scores(model, held, record, hold, parts.basis, parts.before)
 
 
 def _seen(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, record: Record) -> Trial:

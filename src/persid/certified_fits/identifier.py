@@ -230,6 +230,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         began = time.perf_counter()
         functions = choice.functions or self._dictionary
         fitted = estimator_with(self.free_, functions).set_params(derivatives=0, delays=0).fit(train)
+        train, test = (part.with_inputs(fitted.model_.inputs) for part in (train, test))
         selecting = self.select == "auto"
         task = self._task(fitted, choice.ridge, next(self._demands(fitted)), began + limit)
         found = sketch(replace(task, pieces=Pieces.of(train, self.free_.hold)) if selecting else task)

@@ -84,6 +84,7 @@ def run(
     from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
+    from persid.measurements.recordings import without_still_inputs
     from persid.reports import layout
     from persid.reports.comparison import alternative_rows, cautions, comparison_rows, score_facts, score_rows
     from persid.reports.folder import write_folder
@@ -110,7 +111,7 @@ def run(
         progress("reading the measurements")
         found = files_of(list(data))
         states = {name: chosen.pop(name) for name in ("derivatives", "delays")}
-        measured = embedded(read_measurements(found, **how), **states)
+        measured = without_still_inputs(embedded(read_measurements(found, **how), **states))
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)
@@ -123,6 +124,7 @@ def run(
         )
         if test:
             kept_out, basis = embedded(read_measurements(files_of(list(test)), **how), **states), other_files(test)
+            kept_out = kept_out.with_inputs(measured.inputs)
             mine = unseen_scores(made.model, kept_out, basis, fit.hold)
             other = mine if made.model is fit.model_ else unseen_scores(fit.model_, kept_out, basis, fit.hold)
             made = replace(made, scores=mine, free_scores=other)
@@ -137,7 +139,7 @@ def run(
     files = {name: str(path) for name, path in paths.items()}
     report = fit.report_
     rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
-    beside = cautions(verdict, made.scores, measured)
+    beside = cautions(verdict, made.scores, measured, made.model)
     rows += [*_remarks(report), *verdict_rows(verdict), *(("but", doubt) for doubt in beside)]
     rows += [*alternative_rows(made), *list(files.items())[1:]]
     said = {

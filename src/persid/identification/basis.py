@@ -173,8 +173,8 @@ def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", sc
     lists = _per_state(functions, n)
     found = moments(data)
     x, u = found.of(slice(n)), found.of(slice(n, None))
-    reference = reference_point(x) if _is_auto(x_ref) else _vector("x_ref", x_ref, n)
-    sizes = _powers_of_two(_reach(x, reference)) if _is_auto(scale) else _vector("scale", scale, n)
+    reference = reference_point(x) if is_auto(x_ref) else _vector("x_ref", x_ref, n)
+    sizes = _powers_of_two(_reach(x, reference)) if is_auto(scale) else _vector("scale", scale, n)
     if not (sizes > 0).all():
         raise DataError(f"scale = {sizes.tolist()}; every scale must be positive")
     parsed = [[f for f in map(scalar_function, names) if not f.is_linear] for names in lists]
@@ -208,7 +208,8 @@ def _vector(name: str, value: Any, n: int) -> ndarray:
     return vector
 
 
-def _is_auto(value: Any) -> bool:
+def is_auto(value: Any) -> bool:
+    """Whether an argument is left to the data."""
     return isinstance(value, str) and value == "auto"
 
 

@@ -9,6 +9,7 @@ from numpy import ndarray
 from persid.identification.free_runs import Score
 from persid.identification.gram import Gram, condition_number
 from persid.identification.koopman import ALIASING
+from persid.identification.scores import Scores
 from persid.identification.validation import Curve
 from persid.measurements.recordings import Measurements, moments
 
@@ -182,10 +183,10 @@ def whiteness(residual: Float[ndarray, "N n"]) -> tuple[tuple[float, float], ...
     return tuple((float(value), float(bound)) for value in largest)
 
 
-def advise(
-    facts: Conditioning, columns: int, moved: tuple[Excitation, ...], free: Score | None, curve: Curve | None
+def remarks(
+    facts: Conditioning, columns: int, moved: tuple[Excitation, ...], foretold: Scores | None, curve: Curve | None
 ) -> tuple[str, ...]:
-    """Return warnings, each with what to try."""
+    """Return warnings, each with what to try; `foretold` are scores on held-out data where they may be poor."""
     found = []
     if facts.rank < columns - len(facts.constant):
         found.append(
@@ -206,12 +207,17 @@ def advise(
             found.append(
                 f"input {item.name} is almost a function of the states (feedback?); its effect is not identifiable"
             )
-    if free is not None and free.blow_ups:
-        found.append("the free run on held-out data blows up; raise ridge=, or fit under the certificate")
-    elif free is not None and free.r2_mean < 0:
+    ahead = None if foretold is None else foretold.headline
+    if ahead is not None and ahead.blow_ups:
+        found.append(
+            f"{ahead.blow_ups} of {ahead.runs} free runs over {ahead.length} on held-out data blow up; a larger ridge="
+            ", other functions or a fit under the certificate may hold them"
+        )
+    elif ahead is not None and ahead.r2_mean < 0:
         inputs = "" if moved else "; what acts from outside and was measured belongs among the inputs"
         found.append(
-            f"the free run on held-out data is worse than the mean; see the functions, x_ref and the window{inputs}"
+            f"over {ahead.length} free runs on held-out data are worse than the mean; see the functions, x_ref and the "
+            f"window{inputs}"
         )
     if curve is not None and curve.best == curve.strengths[-1]:
         found.append("the largest ridge is best: the functions explain little; try others")

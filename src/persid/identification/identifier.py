@@ -15,13 +15,15 @@ from sklearn.utils.validation import check_is_fitted
 from persid.errors import DataError, PersidError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
-from persid.identification.basis import Functions, make_basis
+from persid.identification.basis import Functions
 from persid.identification.derivatives import embed
 from persid.identification.diagnostics import FitReport
 from persid.identification.estimators import METHODS, estimator
 from persid.identification.gram import Gram, refuse_underdetermined
 from persid.identification.koopman import sample_step
 from persid.identification.regressions import Estimator, Options, Problem, Solution, sparse_coefficients
+from persid.identification.scaling import choose_basis
+from persid.identification.scores import Record, Scores, held_out_scores
 from persid.identification.structure import make_structure
 from persid.identification.validation import (
     FOLDS,
@@ -42,6 +44,7 @@ from persid.measurements.recordings import (
     is_large,
     moments,
     segments,
+    without_still_inputs,
 )
 from persid.measurements.trajectories import Trajectories
 from persid.models.equations import equations
@@ -149,12 +152,14 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         """
         _check_options(self)
         refuse_target(None if self._estimator.slopes else y)
-        measured, notes = self._measured(X, u, t, dt)
-        _refuse_constant(measured)
+        given, notes = self._measured(X, u, t, dt)
+        _refuse_constant(given)
+        measured = without_still_inputs(given)
         data = self._embedded(measured)
         problem = self._problem(data, y)
         solution = self._solve(problem)
-        self._remember(measured, X)
+        self._remember(given, X)
+        self._moving = [given.inputs.index(name) for name in measured.inputs]
         self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, problem.regression.window
         self.blocks_ = tuple(solution.blocks.values())
         self.ridge_ = solution.ridge
@@ -189,7 +194,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded)
 
     def _problem(self, data: Measurements, y: Any) -> Problem:
-        basis = make_basis(data, self.functions, self.x_ref, self.scale)
+        basis = choose_basis(data, self.functions, self.x_ref, self.scale)
         structure = make_structure(basis, self.pattern, self.shared, self.constant)
         parts = partition(data, self.holdout)
         regression = self._estimator.regression(data, basis, parts, self._options(y))
@@ -248,7 +253,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         gram, data, K = solution.gram, problem.data, problem.regression.K
         facts = diagnostics.conditioning(gram, solution.theta)
         moved = diagnostics.excitation(data, gram)
-        free, step, white = _tail_scores(problem, solution, self.hold)
+        free, step, white, foretold = _tail_scores(problem, solution, self.hold)
         return FitReport(
             method=self.method,
             hold=self.hold,
@@ -270,7 +275,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             free_run=free,
             one_step=step,
             notes=notes,
-            warnings=diagnostics.advise(facts, problem.basis.size, moved, free, solution.curve),
+            warnings=diagnostics.remarks(facts, problem.basis.size, moved, foretold, solution.curve),
             spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
         )
 
@@ -316,7 +321,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
                 f"X has {given[0]} features, but {type(self).__name__} is expecting {self.n_states_in_} features as "
                 f"input; inputs: {given[1]} given, {self.n_inputs_in_} expected"
             )
-        return self._appended(data)
+        return self._appended(data.with_inputs([data.inputs[k] for k in self._moving]))
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other)."""
@@ -377,17 +382,22 @@ def _box(data: Measurements) -> Float[ndarray, "n 2"]:
 
 def _tail_scores(
     problem: Problem, solution: Solution, hold: str
-) -> tuple[freerun.Score | None, freerun.Score | None, tuple[tuple[float, float], ...]]:
-    """Score the fit without the tails on the tails: free runs (at most 5000 samples each), one step, whiteness."""
+) -> tuple[freerun.Score | None, freerun.Score | None, tuple[tuple[float, float], ...], Scores | None]:
+    """Score the fit without the tails on the tails: free runs (at most 5000 samples each), one step, whiteness.
+
+    Where a whole free run says little for the model, shorter ones are scored, too: that of an unstable plant blows up.
+    """
     held = tail(problem.data, problem.parts, SCORED, SCORED_RUNS)
     if held is None or solution.held_out is None:
-        return None, None, ()
+        return None, None, (), None
     model = problem.basis.model(solution.held_out)
     ahead = [freerun.one_step(model.rhs, run, hold)[:-1] for run in held]
     after = np.concatenate([run.x[1:] for run in held])
     guess = np.concatenate(ahead)
     free = freerun.free_run_score(model, held, hold)
-    return free, freerun.score(after, guess), diagnostics.whiteness(after - guess)
+    poor = free.blow_ups or not free.r2_mean >= 0
+    foretold = held_out_scores(model, held, Record.of(problem.data), hold) if poor else None
+    return free, freerun.score(after, guess), diagnostics.whiteness(after - guess), foretold
 
 
 def _version() -> str:

@@ -17,7 +17,7 @@ from numpy import ndarray
 from persid.identification.free_runs import Simulator, free_run_score, restarted
 from persid.identification.windows import noise_of
 from persid.measurements.moments import Moments
-from persid.measurements.recordings import Measurements, Part, lengths, moments, segments
+from persid.measurements.recordings import Measurements, beginnings, moments
 from persid.measurements.trajectories import Trajectories, Trajectory
 
 HORIZONS = (4, 16, 64, 256, 1024)  # samples: lengths of the free runs that start again along a record
@@ -44,9 +44,7 @@ class Record:
     @classmethod
     def of(cls, data: Measurements) -> "Record":
         """Return the record of measurements; of many or long runs the beginnings tell noise and memory."""
-        counts = lengths(data)
-        chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), LOOKED_AT)).astype(int))
-        heads = segments(data, [Part(int(r), 0, min(counts[r], LOOKED_INTO), 0) for r in chosen])
+        heads = beginnings(data, LOOKED_INTO, LOOKED_AT)
         states = moments(data).of(slice(len(data.states)))
         return cls(states, noise_of([run.x for run in heads]), _memory(heads, states))
 

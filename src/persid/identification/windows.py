@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.measurements.recordings import Measurements, Part, lengths, segments
+from persid.measurements.recordings import Measurements, beginnings, lengths
 
 NOISE_RATIO = 30.0  # a window is long enough when the state moves by this many standard deviations of its noise
 LONGEST_WINDOW = 64
@@ -21,9 +21,7 @@ def choose_window(data: Measurements) -> int:
     longest = min(LONGEST_WINDOW, max(2, min(counts) // 20))
     if longest < 4:
         return 2
-    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), MOST_JUDGED)).astype(int))
-    heads = segments(data, [Part(int(r), 0, min(counts[r], ENOUGH), 0) for r in chosen])
-    window, runs = 2, [run.x for run in heads]
+    window, runs = 2, [run.x for run in beginnings(data, ENOUGH, MOST_JUDGED)]
     while 2 * window <= longest and not _moves_enough(runs, window):
         window *= 2
     return window

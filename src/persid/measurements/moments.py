@@ -33,7 +33,7 @@ class Moments:
         low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         return Moments(count, low, high, mean, spread, self.changes + other.changes)
 
-    def of(self, columns: slice) -> "Moments":
+    def of(self, columns: slice | list[int]) -> "Moments":
         """Return those of some columns."""
         parts = (getattr(self, name)[columns] for name in ("low", "high", "mean", "spread", "changes"))
         return Moments(self.count, *parts)

@@ -5,9 +5,9 @@ functions below ask for these without saying where the data lie, so that every f
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy import ndarray
@@ -94,6 +94,7 @@ class Recordings:
     _chunks: tuple[Chunk, ...]
     _runs: tuple[Run, ...]
     _first: dict[int, int] = field(repr=False)  # of every table, the number of its first chunk
+    _taken: tuple[int, ...] | None = None  # columns of the rows that are read, where it is not all of them
 
     def __len__(self) -> int:
         """Number of runs."""
@@ -102,6 +103,14 @@ class Recordings:
     def __repr__(self) -> str:
         size = f"{self.samples:,} samples of {len(self.states)} states"
         return f"<{len(self)} runs, {size} in {len(self._chunks)} chunks>"
+
+    def with_inputs(self, names: Sequence[str]) -> "Recordings":
+        """Return the same runs with some of their inputs alone, in the order of `names`."""
+        n = len(self.states)
+        now = range(n + len(self.inputs)) if self._taken is None else self._taken
+        places = [*range(n), *(n + self.inputs.index(name) for name in names)]
+        taken = tuple(now[k] for k in places)
+        return replace(self, inputs=tuple(names), moments=self.moments.of(places), _taken=taken)
 
     @property
     def samples(self) -> int:
@@ -156,7 +165,7 @@ class Recordings:
     def _task(self, k: int, jobs: list[_Job]) -> tuple[Any, ...]:
         chunk = self._chunks[k]
         ahead = self._ahead(k, max(job.reach for job in jobs) - chunk.rows)
-        return chunk.source, chunk.lazy, self._columns, chunk.offset, jobs, ahead
+        return chunk.source, chunk.lazy, self._columns, chunk.offset, jobs, ahead, self._taken
 
     def _ahead(self, k: int, count: int) -> tuple[ndarray | None, ndarray]:
         """Return the `count` rows that follow a chunk, from the heads of those after it."""
@@ -169,26 +178,27 @@ class Recordings:
             heads.append((None if head[0] is None else head[0][:left], head[1][:left]))
             left -= len(head[1][:left])
         if not heads:
-            return None, np.zeros((0, self.moments.low.shape[0]))
+            return None, np.zeros((0, len(self._columns.names)))
         clocks = [t for t, _ in heads if t is not None]
         return (np.concatenate(clocks) if clocks else None), np.concatenate([values for _, values in heads])
 
 
-def _read(source: Any, lazy: Lazy | None, columns: Columns, offset: int, ahead: Any) -> Any:
+def _read(source: Any, lazy: Lazy | None, columns: Columns, offset: int, ahead: Any, taken: Any) -> Any:
     """Read a chunk with the rows ahead of it; where the step is given, times count from the first row of the table."""
     _, rows = read_rows(source, lazy, columns, [])
     values = np.concatenate([rows.values, ahead[1]]) if len(ahead[1]) else rows.values
+    values = values if taken is None else values[:, list(taken)]
     if rows.t is None:
         return np.arange(offset, offset + len(values)) * float(columns.dt or 0), values
     return (rows.t if ahead[0] is None else np.concatenate([rows.t, ahead[0]])), values
 
 
 def _chunk_sums(
-    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any,
+    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any, taken: Any,
     *, function: Callable[..., Any], n: int,
 ) -> dict[int, Any]:  # fmt: skip
     """Return the sums of a function over the parts in one chunk."""
-    t, values = _read(source, lazy, columns, offset, ahead)
+    t, values = _read(source, lazy, columns, offset, ahead, taken)
     return summed(
         {job.block: function(Trajectory(t[rows], values[rows, :n], values[rows, n:]), job.count)}
         for job in jobs
@@ -197,15 +207,16 @@ def _chunk_sums(
 
 
 def _chunk_segments(
-    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any
+    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any, taken: Any
 ) -> list[tuple[int, tuple[ndarray, ndarray]]]:
     """Return the times and values of some parts of one chunk, copied: the chunk itself can go."""
-    t, values = _read(source, lazy, columns, offset, ahead)
+    t, values = _read(source, lazy, columns, offset, ahead, taken)
     rows = [(job.block, slice(job.start, job.reach)) for job in jobs]
     return [(number, (t[chosen].copy(), values[chosen].copy())) for number, chosen in rows]
 
 
 Measurements = Trajectories | Recordings
+Kind = TypeVar("Kind", bound=Trajectories | Recordings)
 
 
 def is_large(X: Any) -> bool:
@@ -223,6 +234,21 @@ def moments(data: Measurements) -> Moments:
     return data.moments if isinstance(data, Recordings) else run_moments(data)
 
 
+def without_still_inputs(data: Kind) -> Kind:
+    """Return data without the inputs that never vary: they tell nothing, so that a model has no such input.
+
+    A note says which; what a constant input does is part of the constant term.
+    """
+    found = moments(data).of(slice(len(data.states), None))
+    pairs = zip(data.inputs, found.high > found.low, strict=True)
+    still = [name for name, moves in pairs if not moves]
+    if not still:
+        return data
+    note = f"{', '.join(still)} never {'varies' if len(still) == 1 else 'vary'}: no input of the model"
+    kept: Any = data.with_inputs([name for name in data.inputs if name not in still])
+    return replace(kept, notes=(*data.notes, note))
+
+
 def steps(data: Measurements) -> Steps:
     """Return the steps in time."""
     return data.steps if isinstance(data, Recordings) else run_steps(data)
@@ -233,6 +259,14 @@ def segments(data: Measurements, parts: Sequence[Part]) -> list[Trajectory]:
     if isinstance(data, Recordings):
         return data.segments(parts)
     return [data[part.run][part.start : part.stop] for part in parts]
+
+
+def beginnings(data: Measurements, longest: int, most: int = 20) -> Trajectories:
+    """Return the first `longest` samples of at most `most` runs, evenly chosen, in memory."""
+    counts = lengths(data)
+    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), most)).astype(int))
+    heads = segments(data, [Part(int(r), 0, min(counts[r], longest), 0) for r in chosen])
+    return Trajectories(tuple(heads), data.states, data.inputs)
 
 
 def block_sums(

@@ -1,7 +1,7 @@
 """Trajectories: sampled runs of a system, never paired across their ends."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
@@ -108,6 +108,21 @@ class Trajectories(Sequence[Trajectory]):
             ends = np.linspace(0, len(run), k + 1).astype(int)
             pieces += [run[a:b] for a, b in pairwise(ends)]
         return Trajectories(tuple(pieces), self.states, self.inputs, self.notes)
+
+    def with_inputs(self, names: Sequence[str]) -> "Trajectories":
+        """Return the same runs with some of their inputs alone, in the order of `names`.
+
+        Raises:
+            DataError: an input is not there.
+        """
+        if tuple(names) == self.inputs:
+            return self
+        absent = [name for name in names if name not in self.inputs]
+        if absent:
+            raise DataError(f"there is no input {absent[0]!r}; the inputs are {list(self.inputs)}")
+        kept = [self.inputs.index(name) for name in names]
+        runs = tuple(replace(run, u=run.u[:, kept]) for run in self)
+        return Trajectories(runs, self.states, tuple(names), self.notes)
 
     @classmethod
     def from_arrays(

@@ -3,38 +3,65 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+from numpy import ndarray
+
+from persid._dyadics import value
 from persid.certificates.certificate import Certificate
 from persid.identification.scores import Scores
+from persid.lyapunov.operating_points import find_operating_point
 from persid.measurements.recordings import Measurements, moments
-from persid.verdicts.verdict import Certified, Verdict
+from persid.models.model import PersidskiiModel
+from persid.verdicts.verdict import Certified, Refuted, Verdict
 
 UNDER = "under the certificate"
+MOST_STATES = 20  # of an undecided model whose equilibrium is sought anew
 
 
-def cautions(verdict: Verdict, scores: Scores | None, data: Measurements | None = None) -> tuple[str, ...]:
-    """Return what must stand beside a certificate, in clauses; none where all is well.
+def cautions(
+    verdict: Verdict, scores: Scores | None, data: Measurements | None = None, model: Any = None
+) -> tuple[str, ...]:
+    """Return what must stand beside a verdict, in clauses; none where all is well.
 
-    The model may not be shown to foretell, or the claim may be about a point that does not occur in the data.
+    What is certified may not be shown to foretell, and any verdict may be about a point that does not occur in the
+    data; `model` tells that point where the verdict does not.
     """
-    if not isinstance(verdict, Certified):
-        return ()
-    found = list(scores.doubts) if scores is not None else []
+    found = list(scores.doubts) if scores is not None and isinstance(verdict, Certified) else []
     if found:
         found[-1] += ": the proof is about the model, not about the plant"
-    return (*found, *(_outside(verdict, data) if data is not None else ()))
+    return (*found, *(_outside(*_nominal(verdict, model), data) if data is not None else ()))
 
 
-def _outside(verdict: Certified, data: Measurements) -> Iterator[str]:
+def _nominal(verdict: Verdict, model: Any) -> tuple[ndarray | None, ndarray | None]:
+    """Return the nominal state and input that a verdict is about, None where it names none."""
+    if isinstance(verdict, Certified):
+        proof = verdict.certificate
+        if not isinstance(proof, Certificate) or proof.content.get("operating_point") is None:
+            return None, None
+        return proof.operating_point, proof.input
+    if isinstance(verdict, Refuted):
+        content = verdict.witness.content
+        proof = content["witness"]
+        point = proof.get("point") or next(iter(proof.get("points", ())), None)
+        return None if point is None else _numbers(point["x"]), _numbers(content["u"])
+    if not isinstance(model, PersidskiiModel) or model.n > MOST_STATES:
+        return None, None
+    point = next(iter(find_operating_point(model)), None)
+    return None if point is None else point.x, model.u_ref
+
+
+def _numbers(pairs: Any) -> ndarray:
+    return np.array([value(pair) for pair in pairs])
+
+
+def _outside(x: ndarray | None, u: ndarray | None, data: Measurements) -> Iterator[str]:
     """Say which of x* and u* lie outside the range of the data by more than a tenth of it: decays end beside it."""
-    certificate, found = verdict.certificate, moments(data)
-    if not isinstance(certificate, Certificate) or certificate.content.get("operating_point") is None:
-        return
-    n, slack = len(data.states), 0.1 * (found.high - found.low)
+    found, n = moments(data), len(data.states)
+    slack = 0.1 * (found.high - found.low)
     low, high = found.low - slack, found.high + slack
-    points = (("state x*", certificate.operating_point, slice(n)), ("input u*", certificate.input, slice(n, None)))
-    for name, point, part in points:
-        if not ((low[part] <= point) & (point <= high[part])).all():
-            shown = ", ".join(f"{value:.3g}" for value in point)
+    for name, point, part in (("state x*", x, slice(n)), ("input u*", u, slice(n, None))):
+        if point is not None and not ((low[part] <= point) & (point <= high[part])).all():
+            shown = ", ".join(f"{number:.3g}" for number in point)
             yield f"the nominal {name} = ({shown}) lies outside the range of the data"
 
 

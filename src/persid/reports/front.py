@@ -44,7 +44,7 @@ def front(results: Results) -> Front:
             return Front("refuted", "✗", "Proved not stable", f"{verdict.witness.sentence.rstrip('.')}{told}.", ())
         sentence = f"{verdict.reason.value.rstrip('.')}{told}."
         return Front("undecided", "?", "Undecided: neither proved stable nor refuted", sentence, ())
-    doubts = cautions(verdict, scores, results.data) or ((UNSCORED,) if scores is None else ())
+    doubts = cautions(verdict, scores, results.data, results.model) or ((UNSCORED,) if scores is None else ())
     sentence = f"{_capital(in_the_long_run(verdict))}, by proof{told}."
     proved = "Proved stable in a region" if verdict.certificate.scope == "regional" else "Proved stable"
     if doubts:

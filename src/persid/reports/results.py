@@ -51,16 +51,16 @@ def read_results(folder: Path) -> Results:
     verdict = read_verdict(folder, model, record.attempts if record else ())
     if record is None:
         return Results(model, verdict, None, None)
-    data = _read_again(record.sources, record.reading)
-    held = _read_again(record.test, record.reading) if record.test else held_out(data, record.scores)
+    data = _read_again(record.sources, record.reading, model)
+    held = _read_again(record.test, record.reading, model) if record.test else held_out(data, record.scores)
     return Results(model, verdict, data, record, held)
 
 
-def _read_again(sources: Sequence[Source], reading: Mapping[str, Any]) -> Trajectories | None:
-    """Read measurements where they still are what they were."""
+def _read_again(sources: Sequence[Source], reading: Mapping[str, Any], model: Any) -> Trajectories | None:
+    """Read measurements where they still are what they were, with the inputs of the model."""
     paths = [Path(source.path) for source in sources]
     if not paths or not all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, sources, strict=True)):
         return None
     how = dict(reading)
     states = {name: how.pop(name, 0) for name in ("derivatives", "delays")}
-    return embedded(read_measurements(paths, **how), **states)
+    return embedded(read_measurements(paths, **how).with_inputs(model.inputs), **states)
