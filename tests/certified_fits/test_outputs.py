@@ -75,6 +75,17 @@ def test_uneven_samples_are_refused():
         OutputIdentifier().fit(np.sin(t)[:, None], u=np.cos(t)[:, None], t=t)
 
 
+@pytest.mark.parametrize("D", [0.0, 0.5])
+def test_feedthrough_is_kept_where_the_outputs_show_it(D):
+    """An output that follows the input at once gets D, and one that does not gets none."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [], [[1.0]]), [[1.0]], 0.2, 200, 1)[0]
+    noisy = data.x + D * data.u + 0.02 * np.random.default_rng(1).normal(size=data.x.shape)
+    fit = OutputIdentifier(order=1, neurons=0, time_limit=0).fit(noisy, u=data.u, dt=0.2)
+    assert fit.report_.chosen.feedthrough == (D > 0)
+    np.testing.assert_allclose(fit.fit_.D, D, atol=0.02)
+    assert fit.verdict_.is_certified
+
+
 def test_an_interrupt_keeps_the_best_so_far():
     """Ctrl-C during the search delivers the best model so far, with its proof."""
     data = runs(ps.PersidskiiModel([[-0.5]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]), [[1.0]], 0.1, 300, 1)

@@ -30,8 +30,8 @@ class OutputReport:
 
     Errors are root-mean-square errors of free runs in units of the spread of the outputs: `error` on all data,
     `held_out` and `linear` on the last quarter of every record, for the chosen candidate and the best linear model;
-    `free` for the best model of the same size without a condition, where it was asked for. `seeds` are the held-out
-    errors of the candidates that differ from the chosen one by their seed alone.
+    `free` for the best model of the same size without a condition, where it was asked for. `seeds` are the least
+    held-out errors that the single seeds reached with the chosen order and number of neurons.
     """
 
     candidates: tuple[Candidate, ...]
@@ -174,11 +174,12 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             self.fit_, self.model_, time_limit=float(self.time_limit), min_rate=self.min_rate and float(self.min_rate)
         )
         self.certificate_ = getattr(self.verdict_, "certificate", None)
-        alike = replace(chosen, seed=0, error=0.0, held_out=0.0, steps=0)
-        seeds = [one for one in answer.candidates if replace(one, seed=0, error=0.0, held_out=0.0, steps=0) == alike]
+        size = (chosen.order, chosen.neurons)
+        alike = [one for one in answer.candidates if (one.order, one.neurons) == size]
+        seeds = {one.seed: one.held_out for one in reversed(alike)}  # the best of them stands first
         self.report_ = OutputReport(
             answer.candidates, chosen, answer.error, chosen.held_out, answer.linear, free,
-            tuple(one.held_out for one in seeds), answer.remarks, answer.interrupted,
+            tuple(sorted(seeds.values())), answer.remarks, answer.interrupted,
         )  # fmt: skip
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N l"]:

@@ -14,7 +14,7 @@ from persid.models.stable_fit import StableFit
 
 Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
-FINAL_STEPS, FINAL_WORK = 100, 3_000_000  # steps on all data, and samples times steps
+FINAL_STEPS, FINAL_WORK = 100, 1_000_000  # steps on all data, and samples times steps
 GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
 REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
 UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
@@ -99,7 +99,7 @@ class _Search:
         return [candidate for candidate, _, _ in selection.ranked(self.groups)]
 
     def run(self, linear: Sequence[LinearFit]) -> None:
-        """Race the candidates of the best orders, then try more states, feedthrough and a weaker ridge."""
+        """Race the candidates of the best orders, then try more states, a weaker ridge, and no feedthrough."""
         first = selection.best_order(linear)
         chosen = [one for one in linear if one.latent.n in (first, first + 1)]
         self._race([self._stable(one) for one in chosen], self._sizes())
@@ -108,19 +108,20 @@ class _Search:
         best, group, k = selection.ranked(self.groups)[0]
         for _ in range(2):
             if best.neurons:
-                weaker = self._again(group, k, FEWER, group.feedthrough)
+                weaker = self._again(selection.again(group, k, FEWER, group.feedthrough))
                 if not weaker.fit.held_out[0] < BETTER * best.held_out:
                     break
                 best, group, k = weaker.candidates()[0]
+        if self.question.feedthrough is None and self.pieces.u.shape[1]:
+            self._again(selection.again(group, k, feedthrough=False))
 
     def winner(self) -> Winner:
-        """Return the best candidate; a linear one where neurons do not help."""
+        """Return the best candidate; one without neurons, or else without feedthrough, where these do not help."""
         ranking = selection.ranked(self.groups)
         least = ranking[0][0].held_out
-        for candidate, group, k in ranking:
-            if not candidate.neurons and BETTER * candidate.held_out <= least:
-                return selection.winner_of(group, k)
-        return selection.winner_of(*ranking[0][1:])
+        good = [one for one in ranking if BETTER * one[0].held_out <= least]
+        good.sort(key=lambda one: (one[0].neurons > 0, one[0].feedthrough))
+        return selection.winner_of(*good[0][1:])
 
     def _sizes(self) -> tuple[int, ...]:
         if self.question.neurons is not None:
@@ -147,26 +148,11 @@ class _Search:
             for q in sizes
         ]
         self.groups += groups
-        for left, ranking in selection.raced(groups, lambda error: self.tell("search", error)):
-            if (
-                left == selection.TRIED_WITH_FEEDTHROUGH
-                and self.question.feedthrough is None
-                and self.pieces.u.shape[1]
-            ):
-                self._try_feedthrough(groups, [(group, k) for _, group, k in ranking[:left]])
-
-    def _try_feedthrough(self, groups: list[Group], survivors: list[tuple[Group, int]]) -> None:
-        """Go on with D free as well."""
-        for group in [group for group in groups if not group.feedthrough]:
-            chosen = [k for one, k in survivors if one is group]
-            if chosen:
-                more = selection.with_feedthrough(group, chosen)
-                groups.append(more)
-                self.groups.append(more)
+        selection.raced(groups, lambda error: self.tell("search", error))
 
     def _climbs(self, linear: Sequence[LinearFit]) -> bool:
         """Try one state more than the best candidate has, if that is the largest order tried; whether it was better."""
-        best, group, _ = selection.ranked(self.groups)[0]
+        best = self.table[0]
         n = best.order + 1
         if n > selection.ORDERS or any(one.order >= n for one in self.groups):
             return False
@@ -175,21 +161,15 @@ class _Search:
             found = found or selection.linear_fit(self.part, self.pieces, n, self.question)
         except DataError:
             return False
-        asked = replace(self.question, feedthrough=group.feedthrough or self.question.feedthrough)
-        self.question, kept = asked, self.question
         self._race([self._stable(found)], [best.neurons], [best.ridge] if best.neurons else ())
-        self.question = kept
-        return bool(selection.ranked(self.groups)[0][0].held_out < BETTER * best.held_out)
+        return self.table[0].held_out < BETTER * best.held_out
 
-    def _again(self, group: Group, k: int, weaker: float, feedthrough: bool) -> Group:
-        """Return a candidate, fitted on with a weaker ridge."""
-        one = slice(k, k + 1)
-        task = replace(group.task, ridge=group.task.ridge[one] / weaker)
-        fit = least_squares.begun(task, group.fit.batch[one])
-        more = Group(group.neurons, feedthrough, group.ridges[one] / weaker, group.seeds[one], task, fit)
-        self.groups.append(more)
-        least_squares.fitted(task, fit, selection.RUNGS[1][0], lambda fit: self.tell("ridge", float(fit.held_out[0])))
-        return more
+    def _again(self, group: Group) -> Group:
+        """Return a group, fitted on and kept."""
+        self.groups.append(group)
+        steps = selection.RUNGS[1][0]
+        least_squares.fitted(group.task, group.fit, steps, lambda fit: self.tell("refit", float(fit.held_out[0])))
+        return group
 
 
 def _on_all(winner: Winner, standard: Sequence[Record], question: Question, tell: Tell) -> Winner:

@@ -82,12 +82,16 @@ class Latent:
         return self.activation, self.output_map
 
 
-def activated(name: str, s: ndarray) -> tuple[ndarray, ndarray]:
-    """Return f(s) and f'(s) of an activation by name."""
-    if name == "tanh":
-        f = np.tanh(s)
-        return f, 1 - f * f
+def activated(name: str, s: ndarray) -> ndarray:
+    """Return f(s) of an activation by name."""
     if name == "softsign":
-        size = 1 / (1 + np.abs(s))
-        return s * size, size * size
-    return np.arctan(s), 1 / (1 + s * s)
+        return s / (1 + np.abs(s))
+    found: ndarray = getattr(np, name)(s)
+    return found
+
+
+def slope_of(name: str, s: ndarray, f: ndarray) -> ndarray:
+    """Return f'(s), given f = f(s)."""
+    if name == "tanh":
+        return 1 - f * f
+    return (1 + np.abs(s)) ** -2.0 if name == "softsign" else 1 / (1 + s * s)

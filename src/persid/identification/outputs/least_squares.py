@@ -1,7 +1,7 @@
 """Levenberg-Marquardt on the error of free runs, for many models of one size at once."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -99,13 +99,14 @@ def split(theta: ndarray, n: int, q: int, m: int, l: int) -> tuple[ndarray, ndar
 
 @dataclass(eq=False)
 class Fit:
-    """Hold where K models stand: cost, root-mean-square errors on fitted and held-out samples, damping, gains.
+    """Hold where K models stand: runs, cost, root-mean-square errors on fitted and held-out samples, damping, gains.
 
     `ended` says which of them need no more steps.
     """
 
     batch: Batch
-    start: Float[ndarray, "K n S"]
+    states: Float[ndarray, "steps K n S"]
+    y: Float[ndarray, "L K l S"]
     flow: Float[ndarray, "K S n n"]
     cost: Float[ndarray, " K"]
     error: Float[ndarray, " K"]
@@ -115,7 +116,11 @@ class Fit:
     failed: ndarray
     ended: Bool[ndarray, " K"]
     steps: int = 0
-    trail: list[float] = field(default_factory=list)
+
+    @property
+    def start(self) -> Float[ndarray, "K n S"]:
+        """The states at the pieces' starts."""
+        return self.states[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +175,9 @@ def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
             flow = np.nan_to_num(sensitivities.normal(latent, task.pieces, run, task.substeps).flow)
     cost, error, held, run, _ = evaluated(task, batch, task.ridge, run.start, flow, 30)
     zero = np.zeros(K, int)
-    return Fit(batch, run.start, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost))
+    return Fit(
+        batch, run.states, run.y, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost)
+    )
 
 
 def fitted(task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None = None) -> Fit:
@@ -196,7 +203,7 @@ def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple[nd
         return
     batch = fit.batch[chosen]
     latent, D, _ = task.parameters.latent(batch)
-    run = sensitivities.simulated(latent, task.pieces, fit.start[chosen], fit.flow[chosen], task.substeps, 1)
+    run = sensitivities.Run(fit.states[:, chosen], fit.y[:, chosen], np.ones(len(chosen), bool))
     found = sensitivities.normal(latent, task.pieces, run, task.substeps)
     fit.flow[chosen] = found.flow
     count, ridge, theta = task.pieces.values, task.ridge[chosen], theta_of(latent)
@@ -233,7 +240,7 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray
     taken, refused = active[better], active[~better]
     gain = 1 - cost[better] / fit.cost[taken]
     fit.batch.w[taken], fit.batch.x0[taken] = batch.w[better], batch.x0[better]
-    fit.start[taken] = run.start[better]
+    fit.states[:, taken], fit.y[:, taken] = run.states[:, better], run.y[:, better]
     fit.cost[taken], fit.error[taken], fit.held_out[taken] = cost[better], error[better], held[better]
     fit.damping[taken] = np.maximum(fit.damping[taken] / 5, 1e-9)
     fit.damping[refused] *= 4

@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 Record = tuple[ndarray, ndarray]  # inputs (N, m) and outputs (N, l); N differs from record to record
-LONG, SHORT = 128, 64  # samples a piece, for long records and for short ones
-MANY = 16_384  # samples from which pieces are long
+SHORTEST, LONGEST = 16, 512  # samples a piece
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,7 @@ class Pieces:
     def of(cls, records: Sequence[Record], hold: str = "zoh", length: int | None = None, kept: float = 1.0) -> "Pieces":
         """Cut records into pieces; the part `kept` of every record is fitted, the rest is held out."""
         total = sum(len(u) for u, _ in records)
-        length = length or (LONG if total >= MANY else SHORT)
+        length = length or _length(total)
         parts = [_cut(u, y, hold, length, round(kept * len(u))) for u, y in records]
         u, rise, y, weight, held = (np.concatenate(columns, -1) for columns in zip(*parts, strict=True))
         record = np.repeat(np.arange(len(parts)), [part[0].shape[-1] for part in parts])
@@ -82,6 +81,11 @@ class Pieces:
     def fitted_to_all(self) -> "Pieces":
         """Return the same pieces with nothing held out."""
         return replace(self, weight=self.weight + self.held, held=0 * self.held)
+
+
+def _length(total: int) -> int:
+    """Return samples a piece: a pass costs a Python step for every sample of a piece, and a link for every piece."""
+    return int(np.clip(2 ** np.round(np.log2(np.sqrt(total) / 2)), SHORTEST, LONGEST))
 
 
 def _cut(u: Float[ndarray, "N m"], y: Float[ndarray, "N l"], hold: str, length: int, kept: int) -> tuple[ndarray, ...]:

@@ -1,6 +1,6 @@
 """Choose order, neurons, ridge, feedthrough and seed by free runs on the last part of every record, held out."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -21,11 +21,11 @@ LINEAR_STARTS, LINEAR_STEPS = 3, 60
 ORDERS = 6  # tried at most
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
-TRIED_WITH_FEEDTHROUGH = 4  # as many as then go on are tried with D free as well
+HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = (2, 4, 8)  # numbers of neurons
 LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here
-FINE = 1.0  # |pole| times a substep, at most
+FINE = 0.5  # |pole| times a substep, at most
 FINEST = 8  # substeps a sample
 
 
@@ -43,6 +43,11 @@ class Question:
     kappa: float = 0.0
     ridges: tuple[float, ...] = RIDGES
     seeds: tuple[int, ...] = (0, 1, 2)
+
+    @property
+    def through(self) -> bool:
+        """Whether D is free in the search: also where it is to be chosen; at the end D = 0 is tried."""
+        return self.feedthrough is not False
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,7 @@ def linear_fit(records: Sequence[Record], pieces: Pieces, n: int, question: Ques
     Raises:
         DataError: the records are too short for the order.
     """
-    through = bool(question.feedthrough)
+    through = question.through
     head = [(u[: round(kept * len(u))], y[: round(kept * len(u))]) for u, y in records]
     found = linear_starts(head, n, through)[:LINEAR_STARTS]
     if not found:
@@ -154,7 +159,7 @@ def linear_fit(records: Sequence[Record], pieces: Pieces, n: int, question: Ques
 def substeps_for(latent: Latent) -> int:
     """Return the Runge-Kutta steps a sample that the fastest pole needs."""
     fastest = max(np.abs(np.linalg.eigvals(A)).max() for A in latent.A)
-    return int(np.clip(ceil(fastest / FINE), 2, FINEST))
+    return int(np.clip(ceil(fastest / FINE), 1, FINEST))
 
 
 def linear_fits(records: Sequence[Record], pieces: Pieces, question: Question) -> list[LinearFit]:
@@ -190,7 +195,7 @@ def stabilised(linear: LinearFit, pieces: Pieces, question: Question) -> LinearF
     W = linear.latent.W.copy()
     W[0, :, : len(A)] = A
     moved = replace(linear.latent, W=W)
-    parameters, batch, _ = starts.stable_batch(moved, bool(question.feedthrough), question.kappa)
+    parameters, batch, _ = starts.stable_batch(moved, question.through, question.kappa)
     task = Task(pieces, parameters, np.zeros((1, parameters.width)), substeps_for(moved))
     fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
     return LinearFit(parameters.latent(fit.batch)[0], float(fit.error[0]), float(fit.held_out[0]), fit.start)
@@ -202,7 +207,7 @@ def group_of(linear: LinearFit, q: int, question: Question, pieces: Pieces, ridg
     white = starts.whitened(linear.latent, run_states(linear, pieces))
     effect = 0.0 if question.certified else 0.01
     latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation)
-    through = bool(question.feedthrough)
+    through = question.through
     parameters: Parameters
     if question.certified:
         parameters, batch, _ = starts.stable_batch(latent, through, question.kappa)
@@ -229,17 +234,15 @@ def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
     return np.moveaxis(run.states[:-1:2, 0], 1, 2)[(pieces.weight + pieces.held) > 0]
 
 
-def raced(
-    groups: list[Group], tell: Callable[[float], None]
-) -> Iterator[tuple[int, list[tuple[Candidate, Group, int]]]]:
-    """Fit all candidates for some steps, go on with the best, and so on; yield how many go on, and the ranking."""
+def raced(groups: list[Group], tell: Callable[[float], None]) -> None:
+    """Fit all candidates for some steps, go on with the best, and so on."""
     for steps, survivors in RUNGS:
         for group in groups:
             least_squares.fitted(group.task, group.fit, steps, lambda fit: tell(float(np.nanmin(fit.held_out))))
         ranking = ranked(groups)
-        for _, group, k in ranking[survivors:]:
-            group.fit.ended[k] = True
-        yield survivors, ranking
+        most = HOPELESS * ranking[0][0].held_out
+        for place, (candidate, group, k) in enumerate(ranking):
+            group.fit.ended[k] |= place >= survivors or candidate.held_out > most
 
 
 def ranked(groups: Sequence[Group]) -> list[tuple[Candidate, Group, int]]:
@@ -247,15 +250,17 @@ def ranked(groups: Sequence[Group]) -> list[tuple[Candidate, Group, int]]:
     return sorted((one for group in groups for one in group.candidates()), key=lambda one: one[0].held_out)
 
 
-def with_feedthrough(group: Group, chosen: Sequence[int]) -> Group:
-    """Return some candidates of a group once more, D being free."""
-    parameters, picked = group.task.parameters, np.array(chosen)
+def again(group: Group, k: int, weaker: float = 1.0, feedthrough: bool = True) -> Group:
+    """Return one candidate before it is fitted on, with a weaker ridge or with D = 0."""
+    one, parameters, batch = slice(k, k + 1), group.task.parameters, group.fit.batch[slice(k, k + 1)]
     n, m, l = group.order, group.task.pieces.u.shape[1], group.task.pieces.y.shape[1]  # noqa: E741
-    free = parameters.free.copy()
-    free[-l * (n + m + 1) :] = True
-    task = replace(group.task, parameters=replace(parameters, free=free), ridge=group.task.ridge[picked])
-    fit = least_squares.begun(task, group.fit.batch[picked])
-    return Group(group.neurons, True, group.ridges[picked], tuple(group.seeds[k] for k in chosen), task, fit)
+    if not feedthrough:
+        through = starts.entries_of_feedthrough(len(parameters.free), n, m, l)
+        parameters = replace(parameters, free=parameters.free & ~through)
+        batch = replace(batch, w=np.where(through, 0.0, batch.w))
+    task = replace(group.task, parameters=parameters, ridge=group.task.ridge[one] / weaker)
+    fit = least_squares.begun(task, batch)
+    return Group(group.neurons, feedthrough, group.ridges[one] / weaker, group.seeds[one], task, fit)
 
 
 def winner_of(group: Group, k: int) -> Winner:

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.identification.outputs.latent import Latent, activated
+from persid.identification.outputs.latent import Latent, activated, slope_of
 from persid.identification.outputs.records import Pieces
 
 HUGE = 1e6  # standard units beyond which a run has diverged
-JOINED = 1e-8  # standard units to which the end of a piece meets the start of the next
+JOINED = 1e-7  # standard units to which the end of a piece meets the start of the next
 SWEEPS = 6  # corrections of the pieces' starts in one simulation
 LANES = 256  # pieces (times models) whose sensitivities are computed at a time
 CHUNK = 4096  # samples of them at a time
@@ -68,7 +68,7 @@ def swept(latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], subste
 
     def rate(x: ndarray, drive: ndarray) -> ndarray:
         both[:, :n] = x
-        both[:, n:] = activated(latent.activation, R @ x + beta)[0]
+        both[:, n:] = activated(latent.activation, R @ x + beta)
         return G @ both + drive
 
     for k in range(len(states) - 1):
@@ -93,16 +93,20 @@ def simulated(
     follows = np.diff(pieces.record, prepend=-1) == 0
     start = start.copy()
     start[:, :, ~follows] = np.swapaxes(latent.x0, 1, 2)
+    states, size, open_ = np.empty((pieces.length * substeps + 1, K, n, S)), np.full(K, np.inf), np.arange(K)
     with np.errstate(all="ignore"):
         for _ in range(sweeps):
-            states = swept(latent, pieces, start, substeps)
-            gap = np.zeros((K, n, S))
-            gap[:, :, 1:] = (states[-1][:, :, :-1] - start[:, :, 1:]) * follows[1:]
-            size = np.abs(gap).max((1, 2))
-            size = np.where(np.isfinite(size), size, np.inf)
-            if not (size > JOINED).any() or not np.isfinite(size).any():
+            found = swept(latent[open_], pieces, start[open_], substeps)
+            states[:, open_] = found
+            gap = np.zeros((len(open_), n, S))
+            gap[:, :, 1:] = (found[-1][:, :, :-1] - start[open_, :, 1:]) * follows[1:]
+            size[open_] = np.nan_to_num(np.abs(gap).max((1, 2)), nan=np.inf)
+            left = (size[open_] > JOINED) & np.isfinite(size[open_])
+            open_, gap = open_[left], gap[left]
+            if not len(open_):
                 break
-            start = np.clip(np.nan_to_num(start + _corrections(gap, flow, follows)), -HUGE, HUGE)
+            change = _corrections(gap, flow[open_], follows)
+            start[open_] = np.clip(np.nan_to_num(start[open_] + change), -HUGE, HUGE)
     bounded = np.abs(states).max((0, 2, 3)) < HUGE
     y = latent.C[None] @ states[:-1:substeps] + latent.O[None, :, :, n:-1] @ pieces.u[:, None] + latent.O[:, :, -1:]
     return Run(states, y, bounded & (size <= 100 * JOINED))
@@ -192,7 +196,9 @@ def _steps(
     stages, k = [], 0.0
     for place, _ in _PLACES:
         z = x + place * h * k if place else x
-        f, slope = activated(latent.activation, R @ z + latent.V[:, :, -1:])
+        s = R @ z + latent.V[:, :, -1:]
+        f = activated(latent.activation, s)
+        slope = slope_of(latent.activation, s, f)
         drive = (u + (time + place * h) * rise)[:, None]
         k = G @ np.concatenate([z, f], 2) + latent.B @ drive + latent.b[:, :, None]
         J = (products @ slope).reshape(t, K, n, n, S) + A[..., None]

@@ -1,7 +1,7 @@
 """From a linear model to the points at which the nonlinear fits begin."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -53,7 +53,7 @@ def free_batch(latent: Latent, feedthrough: bool) -> tuple[Free, Batch]:
     """Return the free parametrisation and the point in it of a batch of models."""
     n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
     free = np.ones(theta_of(latent).shape[1], bool)
-    free[-l * (n + m + 1) :] = _outputs(n, m, l, feedthrough)
+    free &= feedthrough | ~entries_of_feedthrough(len(free), n, m, l)
     return Free(n, q, m, l, free), Batch(theta_of(latent), latent.x0.copy(), latent.b, *latent.kind)
 
 
@@ -70,8 +70,9 @@ def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple
     shape = Shape(n, q, kappa, SLACK * float(min(np.abs(np.linalg.eigvals(A)).max() for A in latent.A)))
     v = np.array([parameters_of(shape, A, R) for A, R in zip(mapped.A, mapped.R, strict=True)])
     flat = [part.reshape(len(v), -1) for part in (mapped.B, mapped.V[:, :, -1], mapped.O)]
-    free = np.concatenate([np.ones(shape.size + n * m + q, bool), _outputs(n, m, l, feedthrough)])
-    batch = Batch(np.concatenate([v, *flat], 1), mapped.x0.copy(), mapped.b, *latent.kind)
+    w = np.concatenate([v, *flat], 1)
+    free = feedthrough | ~entries_of_feedthrough(w.shape[1], n, m, l)
+    batch = Batch(w, mapped.x0.copy(), mapped.b, *latent.kind)
     return Stable(shape, m, l, free), batch, mapped
 
 
@@ -84,7 +85,8 @@ def _lyapunov_coordinates(latent: Latent, kappa: float) -> Latent:
     return latent.mapped(np.linalg.cholesky(P * n / np.trace(P)).T, np.zeros(n))
 
 
-def _outputs(n: int, m: int, l: int, feedthrough: bool) -> ndarray:  # noqa: E741
-    rows = np.ones((l, n + m + 1), bool)
-    rows[:, n : n + m] = feedthrough
-    return rows.ravel()
+def entries_of_feedthrough(size: int, n: int, m: int, l: int) -> Bool[ndarray, " size"]:  # noqa: E741
+    """Return which of `size` parameters are entries of D; (C, D, d) are the last of them."""
+    rows = np.zeros((l, n + m + 1), bool)
+    rows[:, n : n + m] = True
+    return np.concatenate([np.zeros(size - rows.size, bool), rows.ravel()])
