@@ -11,6 +11,7 @@ from numpy import ndarray
 from persid.identification.basis import Basis
 from persid.measurements.moments import Moments, row_moments
 from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.models.steps import runge_kutta
 
 Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u
 
@@ -139,12 +140,7 @@ def _advance(rhs: Rate, x: ndarray, h: ndarray, before: ndarray, after: ndarray,
     d = h / substeps
     for k in range(substeps):
         u0, u1 = (before + (after - before) * (j / substeps) for j in (k, k + 1))
-        middle = (u0 + u1) / 2
-        k1 = rhs(x, u0)
-        k2 = rhs(x + d / 2 * k1, middle)
-        k3 = rhs(x + d / 2 * k2, middle)
-        k4 = rhs(x + d * k3, u1)
-        x = x + d / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        x = runge_kutta(rhs, x, d, (u0, (u0 + u1) / 2, u1))
     return x
 
 
@@ -158,41 +154,42 @@ def batch_errors(
     s, k, p, n = thetas.shape
     flat = thetas.reshape(s * k, p, n)
     width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
-    t, truth, u = (np.repeat(part, k, axis=0) for part in _stacked(pieces))
-    # The scale of `rhs` decides how many Runge-Kutta steps a sample needs.
-    rhs = _batch_rhs(basis, flat)
-    substeps = _substeps(basis, flat, truth[:, 0], float(np.median(np.diff(t))))
-    guess, out = _side_by_side(rhs, truth[:, 0], t, u, hold, substeps, _reach(limits))
-    error = (((guess - truth) / width) ** 2).mean(axis=2)[:, 1:].mean(axis=1)
+    batch = _Batch.of(pieces, hold, limits, k)
+    # The scale of the right side decides how many Runge-Kutta steps a sample needs.
+    substeps = _substeps(basis, flat, batch.truth[:, 0], float(np.median(np.diff(batch.t))))
+    guess, out = batch.free(_batch_rhs(basis, flat), substeps)
+    error = (((guess - batch.truth) / width) ** 2).mean(axis=2)[:, 1:].mean(axis=1)
     return error.reshape(s, k), out.reshape(s, k)
 
 
-def _stacked(pieces: Sequence[Trajectory]) -> tuple[ndarray, ndarray, ndarray]:
-    return tuple(np.stack([getattr(piece, name) for piece in pieces]) for name in ("t", "x", "u"))  # type: ignore[return-value]
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Equally long runs that are repeated side by side; what leaves the reach goes on along its edge."""
 
+    t: Float[ndarray, "s N"]
+    truth: Float[ndarray, "s N n"]
+    u: Float[ndarray, "s N m"]
+    hold: str
+    reach: tuple[Float[ndarray, " n"], Float[ndarray, " n"]]
 
-def _side_by_side(
-    rhs: Callable[[ndarray, ndarray], ndarray],
-    x: ndarray,
-    t: ndarray,
-    u: ndarray,
-    hold: str,
-    substeps: int,
-    reach: tuple[ndarray, ndarray],
-) -> tuple[ndarray, ndarray]:
-    """Run s simulations with times t (s, N) and inputs u (s, N, m) at once; return states (s, N, n) and who ran away.
+    @classmethod
+    def of(cls, pieces: Sequence[Trajectory], hold: str, limits: Float[ndarray, "n 2"], times: int = 1) -> "_Batch":
+        """Return the batch of pieces, each `times` times."""
+        t, x, u = (np.repeat([getattr(piece, name) for piece in pieces], times, axis=0) for name in ("t", "x", "u"))
+        return cls(t, x, u, hold, _reach(limits))
 
-    What leaves the reach goes on along its edge.
-    """
-    h, out, states = np.diff(t), np.zeros(len(x), bool), [x]
-    with np.errstate(all="ignore"):
-        for j in range(h.shape[1]):
-            after = u[:, j] if hold == "zoh" else u[:, j + 1]
-            moved = np.nan_to_num(_advance(rhs, x, h[:, j : j + 1], u[:, j], after, substeps), nan=np.inf)
-            out |= ((moved < reach[0]) | (moved > reach[1])).any(axis=1)
-            x = np.where(out[:, None], np.clip(moved, *reach), moved)
-            states.append(x)
-    return np.stack(states, axis=1), out
+    def free(self, rhs: Rate, substeps: int) -> tuple[Float[ndarray, "s N n"], ndarray]:
+        """Run from every first state; return the states and who ran away."""
+        x, h, u = self.truth[:, 0], np.diff(self.t), self.u
+        out, states = np.zeros(len(x), bool), [x]
+        with np.errstate(all="ignore"):
+            for j in range(h.shape[1]):
+                after = u[:, j] if self.hold == "zoh" else u[:, j + 1]
+                moved = np.nan_to_num(_advance(rhs, x, h[:, j : j + 1], u[:, j], after, substeps), nan=np.inf)
+                out |= ((moved < self.reach[0]) | (moved > self.reach[1])).any(axis=1)
+                x = np.where(out[:, None], np.clip(moved, *self.reach), moved)
+                states.append(x)
+        return np.stack(states, axis=1), out
 
 
 def restarted(
@@ -202,20 +199,21 @@ def restarted(
 
     Runge-Kutta steps are halved until that changes nothing that counts; a stiff model is followed piece by piece.
     """
-    t, truth, u = _stacked(pieces)
+    batch = _Batch.of(pieces, hold, record.box)
     size = np.where(record.deviation > 0, record.deviation, 1.0)
-    reach = _reach(record.box)
-    coarse, lost = _side_by_side(model.rhs, truth[:, 0], t, u, hold, 1, reach)
+    coarse, lost = batch.free(model.rhs, 1)
     for substeps in FINER:
-        fine, out = _side_by_side(model.rhs, truth[:, 0], t, u, hold, substeps, reach)
+        fine, out = batch.free(model.rhs, substeps)
         kept = ~(out | lost)
-        changed, error = (np.abs((fine - other)[kept] / size) for other in (coarse, truth))
+        changed, error = (np.abs((fine - other)[kept] / size) for other in (coarse, batch.truth))
         if (out == lost).all() and np.max(changed, initial=0) <= max(CLOSE * np.max(error, initial=0), EXACT):
             return fine, out
         coarse, lost = fine, out
     found = [model.simulate(p.x[0], p.t, input_signal(p.t, p.u, hold))[0] for p in pieces]
     full = [np.vstack([f.x, np.repeat(f.x[-1:], len(p) - len(f), axis=0)]) for f, p in zip(found, pieces, strict=True)]
-    return np.clip(np.stack(full), *reach), np.array([len(f) < len(p) for f, p in zip(found, pieces, strict=True)])
+    return np.clip(np.stack(full), *batch.reach), np.array(
+        [len(f) < len(p) for f, p in zip(found, pieces, strict=True)]
+    )
 
 
 def _batch_rhs(basis: Basis, thetas: ndarray) -> Rate:

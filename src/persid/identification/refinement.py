@@ -1,5 +1,6 @@
 """Simulation-error refinement: least squares through the differential equation, from an already good fit."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from persid.identification.basis import Basis
 from persid.identification.free_runs import box
 from persid.identification.gram import Gram
 from persid.measurements.trajectories import Trajectories
+from persid.models.steps import runge_kutta
 
 PIECE = 100  # samples of one free run; its start is measured (multiple shooting without free starts)
 MOST_PIECES = 40
@@ -47,7 +49,7 @@ class Pieces:
     def errors(self, basis: Basis, theta: Float[ndarray, "p n"]) -> Float[ndarray, " r"]:
         """Return model minus measurement of all samples, in widths of the data; a blow-up counts 1000 a sample."""
         with np.errstate(all="ignore"):
-            runs, _ = _flow(basis, theta, self, None)
+            runs, _ = _flow(basis, theta, self, np.zeros(0, int))
         return self._relative(runs)
 
     def slopes(
@@ -103,19 +105,35 @@ def _filled(theta: ndarray, free: ndarray, w: ndarray) -> ndarray:
     return full.reshape(theta.shape)
 
 
-def _flow(basis: Basis, theta: ndarray, pieces: Pieces, free: ndarray | None) -> tuple[ndarray, ndarray]:
-    """Run all pieces by classical Runge-Kutta; with `free`, carry S = dx/dw along: S' = (dF/dx) S + dF/dw."""
-    u, h = pieces.u, pieces.h
-    state = pieces.x[:, 0]
-    mix = _mixing(basis, theta)
-    S = np.zeros((*state.shape, 0 if free is None else len(free)))
-    states, slopes = [], []
+def _flow(basis: Basis, theta: ndarray, pieces: Pieces, free: Int[ndarray, " k"]) -> tuple[ndarray, ndarray]:
+    """Return the runs of all pieces and their derivatives by the coefficients `free`: S = dx/dw is carried along."""
+    u, h, rate = pieces.u, pieces.h, _rate(basis, theta, free)
+    Z = np.zeros((len(pieces.x), theta.shape[1], 1 + len(free)))
+    Z[:, :, 0] = pieces.x[:, 0]
+    found = []
     for k in range(h.shape[1]):
-        after = u[:, k] if pieces.hold == "zoh" else u[:, k + 1]
-        state, S = _step(basis, theta, mix, state, S, u[:, k], after, h[:, k, None], free)
-        states.append(state)
-        slopes.append(S)
-    return np.stack(states, axis=1), np.stack(slopes, axis=1)
+        before, after = u[:, k], u[:, k] if pieces.hold == "zoh" else u[:, k + 1]
+        Z = runge_kutta(rate, Z, h[:, k, None, None], (before, (before + after) / 2, after))
+        found.append(Z)
+    both = np.stack(found, axis=1)
+    return both[..., 0], both[..., 1:]
+
+
+def _rate(basis: Basis, theta: ndarray, free: Int[ndarray, " k"]) -> Callable[[ndarray, ndarray], ndarray]:
+    """Return the right side of x' = F(x, u; w) and S' = (dF/dx) S + dF/dw, for Z = (x, S)."""
+    n, mix = theta.shape[1], _mixing(basis, theta)
+    column, state = np.divmod(free, n)
+
+    def rate(Z: ndarray, u: ndarray) -> ndarray:
+        x, found = np.ascontiguousarray(Z[:, :, 0]), np.empty_like(Z)
+        phi = np.hstack([basis.values(x), u - basis.u_ref, np.ones((len(x), 1))])
+        found[:, :, 0] = phi @ theta
+        if len(free):
+            found[:, :, 1:] = (basis.slopes(x) @ mix).reshape(-1, n, n) @ Z[:, :, 1:]
+            found[:, state, 1 + np.arange(len(free))] += phi[:, column]
+        return found
+
+    return rate
 
 
 def _mixing(basis: Basis, theta: ndarray) -> ndarray:
@@ -124,33 +142,3 @@ def _mixing(basis: Basis, theta: ndarray) -> ndarray:
     mix = np.zeros((p, n, n))
     mix[np.arange(p), :, basis.owner] = theta[:p]
     return mix.reshape(p, n * n)
-
-
-def _step(
-    basis: Basis, theta: ndarray, mix: ndarray, x: ndarray, S: ndarray, u0: ndarray, u1: ndarray, h: ndarray,
-    free: ndarray | None,
-) -> tuple[ndarray, ndarray]:  # fmt: skip
-    inputs = (u0, (u0 + u1) / 2, (u0 + u1) / 2, u1)
-    total, slope_total = np.zeros_like(x), np.zeros_like(S)
-    k, K = np.zeros_like(x), np.zeros_like(S)
-    for v, c, weight in zip(inputs, (0, 0.5, 0.5, 1), (1, 2, 2, 1), strict=True):
-        inner = S if free is None else S + c * h[..., None] * K
-        k, K = _rates(basis, theta, mix, x + c * h * k, inner, v, free)
-        total = total + weight * k
-        if free is not None:
-            slope_total += weight * K
-    return x + h / 6 * total, S if free is None else S + h[..., None] / 6 * slope_total
-
-
-def _rates(
-    basis: Basis, theta: ndarray, mix: ndarray, x: ndarray, S: ndarray, u: ndarray, free: ndarray | None
-) -> tuple[ndarray, ndarray]:
-    phi = np.hstack([basis.values(x), u - basis.u_ref, np.ones((len(x), 1))])
-    rate = phi @ theta
-    if free is None:
-        return rate, S
-    n = x.shape[1]
-    K = (basis.slopes(x) @ mix).reshape(-1, n, n) @ S
-    column, state = np.divmod(free, n)
-    K[:, state, np.arange(len(free))] += phi[:, column]
-    return rate, K

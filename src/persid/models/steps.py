@@ -10,6 +10,7 @@ changes nothing that matters.
 """
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -17,13 +18,37 @@ from numpy import ndarray
 
 from persid.models.vector_field import VectorField
 
+D = TypeVar("D")
+
 STEP = 0.2  # of the fastest time constant at x_ref, to begin with
 HALVINGS = 8
 TOLERANCE = 1e-6  # by which halved steps may still change a run, in units of its largest |x - x_ref|
 DIFFERENCE = 1e-6  # of the size of the states, for derivatives
 JOINT = 1e-10  # by which the ends of pieces may still move, in the same units
 
+STAGES = (
+    (0.0, 1 / 6),
+    (0.5, 1 / 3),
+    (0.5, 1 / 3),
+    (1.0, 1 / 6),
+)  # places and weights of the classical method
+
 Forcing = tuple[ndarray, ndarray]  # B (u - u_ref) + b at the start and at the end of every interval, (L, …, n)
+
+
+def runge_kutta(
+    rate: Callable[[ndarray, D], ndarray], x: ndarray, h: float | ndarray, drives: tuple[D, D, D]
+) -> ndarray:
+    """Return the states x after one step of length h (one, or one a state) of the classical Runge-Kutta method.
+
+    `drives` are what the rate takes beside the state at the start, in the middle and at the end of the step.
+    """
+    start, middle, end = drives
+    k, total = np.zeros(()), np.zeros(())
+    for (place, weight), drive in zip(STAGES, (start, middle, middle, end), strict=True):
+        k = rate(x + place * h * k if place else x, drive)
+        total = total + weight * k
+    return np.asarray(x + h * total)
 
 
 def forcing(field: VectorField, u: Float[ndarray, "N m"] | None, hold: str, count: int) -> Forcing:
@@ -49,14 +74,15 @@ def swept(
     """Return the runs of many states side by side, over L intervals of `steps` Runge-Kutta steps each."""
     found = np.empty((len(dt) + 1, *X.shape))
     found[0] = X
+
+    def rate(x: ndarray, drive: ndarray) -> ndarray:
+        return dot(x) + drive
+
     for k, (length, first, last) in enumerate(zip(dt, *force, strict=True)):
         h, slope = length / steps, (last - first) / (2 * steps)
         for j in range(steps):
             begin = first + 2 * j * slope
-            a = dot(X) + begin
-            b = dot(X + h / 2 * a) + begin + slope
-            c = dot(X + h / 2 * b) + begin + slope
-            X = X + h / 6 * (a + 2 * (b + c) + dot(X + h * c) + begin + 2 * slope)
+            X = runge_kutta(rate, X, h, (begin, begin + slope, begin + 2 * slope))
         found[k + 1] = X
     return found
 

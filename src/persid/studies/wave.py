@@ -23,6 +23,7 @@ import persid as ps
 from persid import plots
 from persid.identification.baselines import OneStepRegressor
 from persid.identification.free_runs import Score, free_run_score, one_step, score
+from persid.models.steps import runge_kutta
 from persid.reports.figures import Drawing
 from persid.reports.record import versions
 from persid.studies.parts import Parts
@@ -114,7 +115,7 @@ def _integrate(y: ndarray, t: ndarray, start: ndarray, u: Any) -> ps.Trajectorie
     """Integrate all runs at once by Runge-Kutta, with steps well inside the stability limit of diffusion."""
     dx, middle = y[1] - y[0], (np.abs(y - 1.5 * np.pi) <= 0.3 * np.pi).astype(float)
 
-    def rate(s: float, x: ndarray) -> ndarray:
+    def rate(x: ndarray, s: float) -> ndarray:
         ghost = np.hstack([x[:, 1:2], x, x[:, -2:-1]])  # x_y = 0 at both ends
         f = 0.5 * np.sin(x) + 0.3 * np.cos(2 * x) + 0.05 * x**2 + 0.1 * np.sin(3 * s)
         return np.diff(ghost, 2) / dx**2 + u(s)[:, None] * middle + f
@@ -123,10 +124,7 @@ def _integrate(y: ndarray, t: ndarray, start: ndarray, u: Any) -> ps.Trajectorie
     for s in t[:-1]:
         for k in range(SUBSTEPS):
             now = s + k * h
-            k1 = rate(now, x)
-            k2 = rate(now + h / 2, x + h / 2 * k1)
-            k3 = rate(now + h / 2, x + h / 2 * k2)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(now + h, x + h * k3))
+            x = runge_kutta(rate, x, h, (now, now + h / 2, now + h))
         states.append(x)
     found, inputs = np.stack(states, axis=1), np.stack([u(s) for s in t], axis=1)
     return ps.Trajectories.from_arrays(list(found), list(inputs), t=[t] * len(found))

@@ -8,13 +8,13 @@ from numpy import ndarray
 
 from persid.identification.outputs.latent import Latent, activated, slope_of
 from persid.identification.outputs.records import Pieces
+from persid.models.steps import STAGES, runge_kutta
 
 HUGE = 1e6  # standard units beyond which a run has diverged
 JOINED = 1e-7  # standard units to which the end of a piece meets the start of the next
 SWEEPS = 6  # corrections of the pieces' starts in one simulation
 LANES = 256  # pieces (times models) whose sensitivities are computed at a time
 CHUNK = 4096  # samples of them at a time
-_PLACES = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))  # of the classical Runge-Kutta method, and weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +74,8 @@ def swept(latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], subste
     for k in range(len(states) - 1):
         sample, part = divmod(k, substeps)
         x, d0 = states[k], inputs[sample]
-        d = [d0 + (part + c) * h * rises[sample] for c in (0, 0.5, 1)] if moving else [d0] * 3
-        k1 = rate(x, d[0])
-        k2 = rate(x + h / 2 * k1, d[1])
-        k3 = rate(x + h / 2 * k2, d[1])
-        k4 = rate(x + h * k3, d[2])
-        states[k + 1] = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+        a, b, c = (d0 + (part + c) * h * rises[sample] for c in (0, 0.5, 1)) if moving else (d0, d0, d0)
+        states[k + 1] = runge_kutta(rate, x, h, (a, b, c))
         if k % 16 == 15:
             np.clip(states[k + 1], -HUGE, HUGE, out=states[k + 1])
     return states
@@ -194,7 +190,7 @@ def _steps(
     time = np.tile(np.arange(substeps) * h, t // substeps)[:, None, None]
     u, rise = np.repeat(u, substeps, 0), np.repeat(rise, substeps, 0)
     stages, k = [], 0.0
-    for place, _ in _PLACES:
+    for place, _ in STAGES:
         z = x + place * h * k if place else x
         s = R @ z + latent.V[:, :, -1:]
         f = activated(latent.activation, s)
@@ -218,7 +214,7 @@ def _steps(
         rows = np.concatenate([z, np.ones((t, K, 1, S))], 2)
         drift_V += MA[:, :, :, :, None] * rows[:, :, None, None]
         if i:
-            M = h * _PLACES[i - 1][1] * unit + h * _PLACES[i][0] * MJ
+            M = h * STAGES[i - 1][1] * unit + h * STAGES[i][0] * MJ
     drift = np.concatenate([drift_W.reshape(t, K, n, -1, S), drift_V.reshape(t, K, n, -1, S)], 3)
     return flow, drift
 
