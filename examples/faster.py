@@ -32,7 +32,7 @@ def main(folder: Path = DATA) -> Figure:
     y, r = test[0].x[:, 0], test[0].u[:, 0]
     print(f"R2 of y = r there: {1 - ((y - r) ** 2).mean() / y.var():.4f}")
     certificate = ps.certify(fit.model_).certificate
-    print(f"claim {certificate.claim}: rate {certificate.rate:.2f} 1/s, gain {certificate.gain:.3f}")
+    print(f"{certificate.claim}: rate {certificate.rate:.2f} 1/s, gain {certificate.gain:.3f}")
     figure, ax = plt.subplots(figsize=(8, 3), layout="constrained")
     found = fit.simulate(test[0].x[0], test[0].t, test[0].u)[0]
     shown = slice(0, 1000)

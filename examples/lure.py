@@ -25,7 +25,7 @@ LURE = ps.PersidskiiModel(
 def main() -> Figure:
     """Certify; draw the functions of each group with the sector forms that the proof uses, and a slice of V."""
     certificate = ps.certify(LURE).certificate
-    print(f"claim {certificate.claim}: rate {certificate.rate:.3f} 1/s, gain {certificate.gain:.2f}")
+    print(f"{certificate.claim}: rate {certificate.rate:.3f} 1/s, gain {certificate.gain:.2f}")
     print(
         f"from x0 = (2, -2, 1): |x(t)| <= {certificate.overshoot([2.0, -2.0, 1.0]):.2f} exp(-{certificate.rate:.3f} t)"
     )

@@ -29,7 +29,7 @@ def main(folder: Path = DATA) -> Figure:
     free, found = (model.simulate(x0, data[2].t, data[2].u)[0] for model in (fit.free_, fit))
     blown = "none" if free.diverged_at is None else f"at {free.diverged_at:.1f} s"
     print(f"third experiment, blow-up of the fit by least squares alone: {blown}")
-    print(f"under the certificate (claim {fit.certificate_.claim}):")
+    print(f"under the certificate ({fit.certificate_.claim}):")
     figure, axes = plt.subplots(2, 1, figsize=(8, 5), sharex=True, layout="constrained")
     for k, (ax, name) in enumerate(zip(axes, data.states, strict=True)):
         error = data[2].x[:, k] - found.x[:, k]

@@ -24,7 +24,7 @@ def main() -> Figure:
     certificate = ps.certify(fit.model_).certificate
     far = fit.model_.simulate([5.0, -3.0], data[0].t, data[0].u)[0]
     print(f"RMSE of the free run on held-out samples: {fit.report_.free_run.rmse:.4f}")
-    print(f"claim {certificate.claim} about x* = {certificate.operating_point.round(3)}")
+    print(f"{certificate.claim} about x* = {certificate.operating_point.round(3)}")
     print(f"rate {certificate.rate:.3f} 1/s, gain {certificate.gain:.2f}")
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     ps.plots.level_sets(left, certificate, runs=data)

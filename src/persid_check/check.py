@@ -1,5 +1,6 @@
 """One file, one answer: read strictly, prove every hypothesis, state what was proved."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from flint import ctx
 from persid_check import json_text
 from persid_check.claims import prove_stability
 from persid_check.enclosure import PRECISION
-from persid_check.format import Claimed, Infeasibility, Refutation, read_certificate
+from persid_check.format import Claimed, Infeasibility, Stability, read_certificate
 from persid_check.infeasibility import prove_infeasibility
 from persid_check.ledger.check import check_ledger
 from persid_check.ledger.file import FORMAT as LEDGER
@@ -44,21 +45,21 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
             content = json_text.read(data, floats=False)
             if isinstance(content, dict) and content.get("format") == LEDGER:
                 wanted = None if other is None else model_sha256(json_text.read(other, floats=True), _folder(model))
-                name, statement, steps = check_ledger(content, len(data), wanted)
-                return Accepted(name, statement, steps if explain else ())
+                answer = check_ledger(content, len(data), wanted)
+                return answer if explain else replace(answer, steps=())
             plain, optional = detached(content)
             claim = _read(plain, _folder(source), arrays)
             more = NOTHING if isinstance(claim, Networked) else read_conclusions(optional, claim.subject)
             _same_model(claim, more, None if other is None else json_text.read(other, floats=True), _folder(model))
             with limited(_allowance(claim, len(data))):
-                statement, steps = _prove(claim, more)
+                answer = _prove(claim, more)
     except FormatError as error:
         return Malformed(error.where, error.why)
     except NotProvedError as error:
         return Rejected(error.where, error.why)
     except ArithmeticError as error:
         return Rejected("arithmetic", str(error))
-    return Accepted(claim.subject.claim, statement, steps if explain else ())
+    return answer if explain else replace(answer, steps=())
 
 
 def _bytes(source: Source) -> bytes:
@@ -95,11 +96,15 @@ def _allowance(claim: Claimed | Networked, size: int) -> int:
     return allowance(len(claim.kinds if isinstance(claim, Networked) else claim.subject.groups), size)
 
 
-def _prove(claim: Claimed | Networked, more: Conclusions) -> tuple[str, tuple[str, ...]]:
+def _prove(claim: Claimed | Networked, more: Conclusions) -> Accepted:
+    if isinstance(claim, Stability):
+        return prove_stability(claim, more)
     if isinstance(claim, NetworkObstruction):
-        return prove_no_weights(claim)
-    if isinstance(claim, NetworkClaim):
-        return prove_network(claim)
-    if isinstance(claim, Infeasibility):
-        return prove_infeasibility(claim)
-    return prove_refutation(claim) if isinstance(claim, Refutation) else prove_stability(claim, more)
+        statement, steps = prove_no_weights(claim)
+    elif isinstance(claim, NetworkClaim):
+        statement, steps = prove_network(claim)
+    elif isinstance(claim, Infeasibility):
+        statement, steps = prove_infeasibility(claim)
+    else:
+        statement, steps = prove_refutation(claim)
+    return Accepted(claim.subject.claim, statement, steps)

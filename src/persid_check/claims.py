@@ -9,7 +9,7 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 from persid_check import output_sentences, sentences
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, blocks, diagonal, is_positive_definite
-from persid_check.format import GroupProof, Stability
+from persid_check.format import WORDS, GroupProof, Stability
 from persid_check.inequality import Inequality, assemble, density, gamma_matrix, input_columns, quadratic_form
 from persid_check.model import Group
 from persid_check.outputs import NOTHING, Conclusions, prove_incremental, prove_outputs
@@ -24,7 +24,7 @@ from persid_check.prover import (
     prove_strict_sector_form,
     prove_strictly_increasing,
 )
-from persid_check.results import NotProvedError
+from persid_check.results import Accepted, NotProvedError
 from persid_check.side import Curve, Domain, Form, Shift
 
 MAX_REGIONAL = 200  # states: an inverse is enclosed
@@ -43,8 +43,8 @@ class Setting:
     shift: Shift
 
 
-def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> tuple[str, tuple[str, ...]]:
-    """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
+def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> Accepted:
+    """Return what is proved, or raise NotProvedError."""
     _signs(claim)
     _sizes(claim)
     _equilibrium(claim)
@@ -69,7 +69,9 @@ def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> tuple[str,
     if more.incremental:
         statement = f"{statement} {output_sentences.between(more)}"
     steps = sentences.stability_steps(claim, settings, kept, everywhere, output_sentences.steps(more))
-    return statement, steps
+    further = {"incremental": more.incremental, "everywhere": everywhere}
+    names = tuple(name for name, holds in further.items() if holds)
+    return Accepted(WORDS[claim.subject.claim], statement, steps, names)
 
 
 def _sizes(claim: Stability) -> None:

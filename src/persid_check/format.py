@@ -119,6 +119,7 @@ FIELDS = {
     "infeasible": (*COMMON, "family", "groups", "L", "proof"),
     "refuted": (*COMMON, "u", "witness"),
 }
+WORDS = {"G": "iss", "M": "iss", "E": "rate-and-gain", "R": "region"}  # the claims in words
 WITNESSES = {
     "two-equilibria": ("points",),
     "unstable-equilibrium": ("point", "S", "sigma", "direction", "T"),

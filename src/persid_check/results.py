@@ -7,6 +7,10 @@ from dataclasses import dataclass
 class Accepted:
     """The claim is proved. `statement` is the checker's own sentence of what was proved; `steps` explain the proof.
 
+    `claim` is a word: "iss", "rate-and-gain", "region", "practical", "refuted", "infeasible", or for networks "L1" and
+    "L1-infeasible". `further` names what holds beyond it: "incremental" (between any two solutions) and "everywhere"
+    (about every equilibrium of every constant input, with the same numbers).
+
     Examples:
         >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
         >>> persid_check.check(certificate.data).claim == certificate.claim
@@ -16,6 +20,7 @@ class Accepted:
     claim: str
     statement: str
     steps: tuple[str, ...] = ()
+    further: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

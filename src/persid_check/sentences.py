@@ -158,10 +158,10 @@ _LOWER_BOUND = {
     "R": "P + sum mu d r r' - p I > 0, and V > level on every face of the box that is named, were proved.",
 }
 _THEOREM = {
-    "G": "So V' <= -t |z|^2 + gamma |u - u*|^2 for some t > 0: V is an ISS-Lyapunov function (claim G).",
-    "M": "So V' <= -t |z_K|^2 + gamma |u - u*|^2, and V and |z_K| are positive definite and proper: ISS (claim M).",
-    "E": "So V <= z'W z and V' <= -kappa V + gamma |u - u*|^2: the estimate follows by integration (claim E).",
-    "R": "So V' <= -kappa V + gamma |u - u*|^2 while x is in the box, which it cannot leave (claim R).",
+    "G": "So V' <= -t |z|^2 + gamma |u - u*|^2 for some t > 0: V is an ISS-Lyapunov function.",
+    "M": "So V' <= -t |z_K|^2 + gamma |u - u*|^2, and V and |z_K| are positive definite and proper: ISS.",
+    "E": "So V <= z'W z and V' <= -kappa V + gamma |u - u*|^2: the estimate follows by integration.",
+    "R": "So V' <= -kappa V + gamma |u - u*|^2 while x is in the box, which it cannot leave.",
 }
 
 

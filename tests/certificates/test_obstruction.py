@@ -40,7 +40,7 @@ def test_not_a_certificate(tmp_path: Path) -> None:
     verdict = ps.certify(ps.PersidskiiModel([[-1.0, 3.0], [3.0, -1.0]], [], [[1.0], [1.0]]))
     assert isinstance(verdict, ps.Refuted)
     verdict.witness.save(tmp_path / "w.json")
-    with pytest.raises(ps.PersidError, match="accepts it as claim refuted"):
+    with pytest.raises(ps.PersidError, match="accepts it as refuted"):
         ps.load_certificate(tmp_path / "w.json")
 
 

@@ -159,7 +159,7 @@ def test_regions_are_certified():
     fit = CertifiedIdentifier(free, ridge=1e-4, scope="regional").fit(data)
     certificate = fit.certificate_
     assert accepted(fit)
-    assert certificate.claim == "R"
+    assert certificate.claim == "region"
     assert fit.model_.terms[0].R[0, 0] == 0.5
     assert min(fit.report_.certified.r2_states) > 0.99
     assert value(certificate.content["kappa"]) > 0.01
@@ -290,11 +290,11 @@ def test_a_biased_regression_is_mended():
 
 @pytest.mark.long
 def test_delivered_fits_have_a_rate():
-    """What a run delivers after a fit under the certificate shows a rate and a gain (claim E)."""
+    """What a run delivers after a fit under the certificate shows a rate and a gain."""
     free = PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-4)
     data = runs(count=1)
     made = deliver(free.fit(data), Undecided(Reason.STALLED), data, 20.0)
-    assert made.verdict.certificate.claim == "E"
+    assert made.verdict.certificate.claim == "rate-and-gain"
     assert made.verdict.certificate.content["model_sha256"] == made.model.sha256
     assert [fit["verdict"] for fit in made.comparison["fits"]] == ["undecided", "certified"]
     assert made.comparison["free_model"] == free.model_.to_dict() != made.model.to_dict()

@@ -12,6 +12,7 @@ from checker.ledgers import Sketch, curve, draft, model_object, number, point, s
 from persid.certificates.ledger import as_ledger, floats, with_proof
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
+from persid_check.ledger.theorem import centre
 
 Certificate = dict[str, Any]
 TANH = [("tanh(x)", 1)]
@@ -111,6 +112,15 @@ def region() -> Certificate:
     return with_proof(content)
 
 
+def ball() -> Certificate:
+    """About the ball of an equilibrium, each curve with the ball of its own centres in place of any."""
+    content = as_ledger(named.load("g_ball"))
+    ledger = read_ledger(content)
+    for one in ledger.points:
+        content["curves"][one.curve]["shift"] = [number(part) for part in centre(ledger, one)]
+    return content
+
+
 def practical() -> Certificate:
     """A damped double well, x1' = x2, x2' = x1 - x1^3 - x2 + u: every solution ends near the wells; a row is zero."""
     model = model_object([("x**3", [[1, 0]], [[0], [-1]])], [[0, 1], [1, -1]], [[0], [1]], n=2)
@@ -130,7 +140,7 @@ def practical() -> Certificate:
 
 OWN: dict[str, Callable[[], Certificate]] = {
     made.__name__: made
-    for made in (spring, difference, one_signed, incremental, rated, plant, outputs, region, practical)
+    for made in (spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical)
 }
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))
 

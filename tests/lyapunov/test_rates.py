@@ -47,10 +47,10 @@ def test_no_time() -> None:
 
 
 def test_certificate_says_half() -> None:
-    """The certificate's rate is kappa/2, rounded down, and its gain that of claim E, rounded up."""
+    """The certificate's rate is kappa/2, rounded down, and its gain the stated one, rounded up."""
     verdict = ps.certify(ps.PersidskiiModel([[-1.0]], [], [[1.0]]))
     assert isinstance(verdict, ps.Certified)
-    assert verdict.certificate.claim == "E"
+    assert verdict.certificate.claim == "rate-and-gain"
     assert verdict.certificate.rate == pytest.approx(0.5, rel=0.05)
     assert verdict.certificate.gain == pytest.approx(1.0, rel=0.05)
     assert verdict.certificate.gain is not None

@@ -404,8 +404,8 @@ def test_other_claims(name: str) -> None:
     """Claims with rates, regions and cubes have a page of their own words."""
     certificate = ps.load_certificate(VALID / f"{name}.json")
     text = report.render(Results(certificate.model, Certified(certificate), None, None))
-    assert ("the certified region (shaded)" in text) == (certificate.claim == "R")
-    assert ("Rate, 1/s" in text) == (certificate.claim in "ER")
+    assert ("the certified region (shaded)" in text) == (certificate.claim == "region")
+    assert ("Rate, 1/s" in text) == (certificate.claim in ("rate-and-gain", "region"))
 
 
 def test_files_of_a_report(delivered: Path) -> None:

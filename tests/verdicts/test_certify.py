@@ -213,7 +213,7 @@ def test_interrupted_rate_keeps_the_certificate() -> None:
 
     verdict = ps.certify(scalar(-1.0), progress=progress)
     assert isinstance(verdict, ps.Certified)
-    assert verdict.certificate.claim == "G"
+    assert verdict.certificate.claim == "iss"
     assert verdict.attempts[-1].outcome == "interrupted"
 
 
@@ -308,7 +308,7 @@ def test_region_keeps_its_trajectories() -> None:
     verdict = ps.certify(model, domain=[[-2.0, 2.0], [-6.0, 6.0]])
     assert isinstance(verdict, ps.Certified)
     found = verdict.certificate
-    assert found.claim == "R"
+    assert found.claim == "region"
     assert found.scope == "regional"
     assert found.input_bound is not None
     assert found.level is not None

@@ -39,7 +39,7 @@ def test_a_verdict_turns_its_model_into_a_proof_once(counted: Counter[str]) -> N
     model = ps.PersidskiiModel(-np.eye(2), [("tanh(x)", None, [[-1.0, 0.3], [-0.3, -1.0]])], [[1.0], [0.5]])
     verdict = ps.certify(model)
     assert isinstance(verdict, ps.Certified)
-    assert verdict.certificate.claim == "E"
+    assert verdict.certificate.claim == "rate-and-gain"
     assert counted == {"object": 1, "written": 1, "equilibrium": 1, "file": 2}
 
 

@@ -26,7 +26,7 @@ def test_the_multipliers_of_a_fit_are_a_proof(seed: int, activation: str) -> Non
     """Every fit of the parametrisation is certified without any search, P = I and all."""
     fit = random_fit(seed, n=1 + seed, q=seed, activation=activation, kappa=0.1 * (seed % 2))
     certificate = decided(fit)
-    assert certificate.claim == "E"
+    assert certificate.claim == "rate-and-gain"
     assert np.array_equal(certificate.P, np.eye(1 + seed))
     assert certificate.rate is not None
     assert certificate.rate > 0

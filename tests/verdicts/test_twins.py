@@ -36,7 +36,7 @@ def test_twins_have_the_same_rate_and_gain(name: str, A0: Any) -> None:
     one, other = (ps.certify(twin(n, A0, R, A, B)) for n in ("itself", name))
     assert isinstance(one, ps.Certified), one
     assert isinstance(other, ps.Certified), other
-    assert other.certificate.claim == one.certificate.claim == "E"
+    assert other.certificate.claim == one.certificate.claim == "rate-and-gain"
     assert other.certificate.rate == pytest.approx(one.certificate.rate, rel=0.01)
     assert other.certificate.gain == pytest.approx(one.certificate.gain, rel=0.05)
 

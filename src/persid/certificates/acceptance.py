@@ -16,5 +16,5 @@ def accepted(data: bytes, claims: Collection[str], arrays: bytes | None = None) 
     if not isinstance(answer, persid_check.Accepted):
         raise RejectedError(f"the checker does not accept it: {answer.where}: {answer.why}")
     if answer.claim not in claims:
-        raise RejectedError(f"the checker accepts it as claim {answer.claim}; needed is one of {', '.join(claims)}")
+        raise RejectedError(f"the checker accepts it as {answer.claim}; needed is one of {', '.join(claims)}")
     return answer

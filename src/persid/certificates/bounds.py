@@ -1,4 +1,4 @@
-"""Rigorous numbers of a certificate: V at a state, and the bound of |x(t) - x*| (claims E and R), rounded outwards.
+"""Rigorous numbers of a claim: V at a state, and the bound of |x(t) - x*| where it has a rate, rounded outwards.
 
 For every input, and every x(0) for which the claim holds, it says
 
@@ -8,27 +8,22 @@ where Gamma = gamma I, or a matrix that gives each input its own gain. Where b c
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.certificates.claims import Claim, Part
 from persid_check.enclosure import Interval, between, constant, value, value_and_slope
 from persid_check.equilibrium import argument
 from persid_check.expression import Program
-from persid_check.model import groups_of, read_model
 
 PIECES = 256  # of an integral; the error of the enclosure falls with their square
 BITS = 128
-
-
-def exact(pair: Sequence[int]) -> Fraction:
-    """Return a dyadic [mantissa, exponent] as a fraction."""
-    return Fraction(pair[0]) * Fraction(2) ** pair[1]
+Gamma = Fraction | tuple[tuple[Fraction, ...], ...]  # gamma of gamma I, or the lower rows of a matrix
 
 
 def below(number: Fraction) -> float:
@@ -48,100 +43,99 @@ def above(ball: arb) -> float:
     return -below(-Fraction(int(mantissa)) * Fraction(2) ** int(exponent))
 
 
-def gain(content: Mapping[str, Any]) -> arb:
+def gain(claim: Claim) -> arb:
     """Return the gain from sup|v| to |x - x*|: the root of the largest eigenvalue of Gamma over kappa p."""
     with ctx.workprec(BITS):
-        return (largest_eigenvalue(content["gamma"]) / _unit(content)).sqrt()
+        return (largest_eigenvalue(claim.gamma) / _unit(claim)).sqrt()
 
 
-def gains(content: Mapping[str, Any], width: int) -> list[arb]:
+def gains(claim: Claim, width: int) -> list[arb]:
     """Return the gain from sup|v_l| to |x - x*| for each of `width` inputs."""
     with ctx.workprec(BITS):
-        return [(ball(coupling(content, width)[k][k]) / _unit(content)).sqrt() for k in range(width)]
+        return [(ball(coupling(claim.gamma, width)[k][k]) / _unit(claim)).sqrt() for k in range(width)]
 
 
-def coupling(content: Mapping[str, Any], width: int) -> list[list[Fraction]]:
+def coupling(gamma: Gamma, width: int) -> list[list[Fraction]]:
     """Return Gamma for `width` inputs."""
-    stored = content["gamma"]
-    if not isinstance(stored, dict):
-        return [[exact(stored) if i == j else Fraction(0) for j in range(width)] for i in range(width)]
-    rows = stored["lower"]
-    return [[exact(rows[max(i, j)][min(i, j)]) for j in range(width)] for i in range(width)]
+    if isinstance(gamma, Fraction):
+        return [[gamma if i == j else Fraction(0) for j in range(width)] for i in range(width)]
+    return [[gamma[max(i, j)][min(i, j)] for j in range(width)] for i in range(width)]
 
 
-def supply(content: Mapping[str, Any], sizes: Sequence[float]) -> Fraction:
+def supply(gamma: Gamma, sizes: Sequence[float]) -> Fraction:
     """Return an upper bound of v'Gamma v for |v_l| <= sizes[l]: each term has the sign that is worst."""
     s = [Fraction(float(size)) for size in sizes]
-    Gamma = coupling(content, len(s))
-    return sum((abs(Gamma[i][j]) * a * b for i, a in enumerate(s) for j, b in enumerate(s)), Fraction(0))
+    rows = coupling(gamma, len(s))
+    return sum((abs(rows[i][j]) * a * b for i, a in enumerate(s) for j, b in enumerate(s)), Fraction(0))
 
 
-def largest_eigenvalue(stored: Any) -> arb:
+def largest_eigenvalue(gamma: Gamma) -> arb:
     """Return an upper bound, to 0.1 %: (tr Gamma^k)^(1/k) for Gamma > 0, k a power of two."""
-    if not isinstance(stored, dict):
-        return ball(exact(stored))
-    width, squarings = len(stored["lower"]), 12
-    Gamma = coupling({"gamma": stored}, width)
-    entries = [arb(fmpq(v.numerator, v.denominator)) for row in Gamma for v in row]
+    if isinstance(gamma, Fraction):
+        return ball(gamma)
+    width, squarings = len(gamma), 12
+    entries = [ball(v) for row in coupling(gamma, width) for v in row]
     M = arb_mat(width, width, entries)
     for _ in range(squarings):
         M = M * M
     return M.trace().upper() ** (arb(1) / 2**squarings) if width else arb(0)
 
 
-def _unit(content: Mapping[str, Any]) -> arb:
-    return ball(exact(content["kappa"]) * exact(content["p"]))
+def _unit(claim: Claim) -> arb:
+    return ball(claim.kappa * claim.p)
 
 
-def overshoot(content: Mapping[str, Any], x0: Float[ndarray, " n"]) -> arb:
+def overshoot(claim: Claim, x0: Float[ndarray, " n"]) -> arb:
     """Return sqrt(V(x0) / p)."""
     with ctx.workprec(BITS):
-        largest = lyapunov(content, x0).hi
-        return (largest / ball(exact(content["p"]))).sqrt() if largest > 0 else arb(0)
+        largest = lyapunov(claim, x0).hi
+        return (largest / ball(claim.p)).sqrt() if largest > 0 else arb(0)
 
 
 def bound(
-    content: Mapping[str, Any], x0: Float[ndarray, " n"], u_sup: float | Sequence[float], t: Float[ndarray, " N"]
+    claim: Claim, x0: Float[ndarray, " n"], u_sup: float | Sequence[float], t: Float[ndarray, " N"]
 ) -> Float[ndarray, " N"]:
     """Return the bound of |x(t) - x*| at times t (s) for inputs with sup|v| <= u_sup, or sup|v_l| <= u_sup[l] each."""
     with ctx.workprec(BITS):
-        start, rate = overshoot(content, x0), ball(exact(content["kappa"]) / 2)
+        start, rate = overshoot(claim, x0), ball(claim.kappa / 2)
         if isinstance(u_sup, float):
-            steady = gain(content) * arb(u_sup)
+            steady = gain(claim) * arb(u_sup)
         else:
-            steady = (ball(supply(content, u_sup)) / _unit(content)).sqrt()
+            steady = (ball(supply(claim.gamma, u_sup)) / _unit(claim)).sqrt()
         return np.array([above(start * (-rate * arb(float(s))).exp() + steady) for s in t])
 
 
-def is_in_region(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> bool:
-    """Whether x lies in the region of a claim R, by proof, for every x* in the ball of the operating point."""
-    point = content["operating_point"]
-    margin = Fraction(0) if point is None else 2 * exact(point["radius"])  # X = box - x*, shrunk by the ball
-    for (low, high), v in zip(content["box"], x, strict=True):
-        if not exact(low) + margin <= Fraction(float(v)) <= exact(high) - margin:
+def is_in_region(claim: Claim, x: Float[ndarray, " n"]) -> bool:
+    """Whether x lies in the region of a claim, by proof, for every x* in the ball of the operating point."""
+    for row, lo, hi in claim.strips:
+        y = sum((r * (Fraction(float(x[i])) - claim.centre[i]) for i, r in row.items()), Fraction(0))
+        margin = claim.radius * sum((abs(r) for r in row.values()), Fraction(0))
+        if not lo + margin <= y <= hi - margin:
             return False
     with ctx.workprec(BITS):
-        return bool(lyapunov(content, x).hi <= ball(exact(content["level"])))
+        return bool(lyapunov(claim, x).hi <= ball(claim.level))
 
 
-def lyapunov(content: Mapping[str, Any], x: Float[ndarray, " n"]) -> Interval:
+def lyapunov(claim: Claim, x: Float[ndarray, " n"]) -> Interval:
     """Return an enclosure of V(x), for every x* in the ball of the operating point."""
-    model = read_model(content["model"])
-    point = content["operating_point"]
-    centre = model.x_ref if point is None else [exact(pair) for pair in point["x"]]
-    radius = Fraction(0) if point is None else exact(point["radius"])
-    star = [between(c - radius, c + radius) for c in centre]
+    model = claim.model
+    star = [between(c - claim.radius, c + claim.radius) for c in claim.centre]
     dx = [constant(Fraction(float(v))) - s for v, s in zip(x, star, strict=True)]
-    total = _quadratic(content["P"], dx)
-    for group, stored in zip(groups_of(model), content["groups"], strict=True):
-        weights = _density(stored, 1 + len(group.members))
-        y = argument(group.row, dx)
-        at = argument(group.row, [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)])
-        total = total + constant(weights[0]) * y.power(Fraction(2))
-        for weight, (c, alpha) in zip(weights[1:], group.members, strict=True):
-            if weight:
-                shift = at if point is not None else None
-                total = total + constant(2 * weight) * _integral(model.channels[c].program, alpha, y, shift)
+    total = _quadratic(claim, dx)
+    for part in claim.parts:
+        y = argument(part.row, dx)
+        at = argument(part.row, [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)])
+        total = total + _share(claim, part, y, None if claim.x is None else at)
+    return total
+
+
+def _share(claim: Claim, part: Part, y: Interval, at: Interval | None) -> Interval:
+    """The double integral of the density of a part."""
+    weights = part.density
+    total = constant(weights[0]) * y.power(Fraction(2))
+    for weight, (c, alpha) in zip(weights[1:], part.members, strict=True):
+        if weight:
+            total = total + constant(2 * weight) * _integral(claim.model.channels[c].program, alpha, y, at)
     return total
 
 
@@ -150,23 +144,16 @@ def ball(number: Fraction) -> arb:
     return arb(fmpq(number.numerator, number.denominator))
 
 
-def _quadratic(stored: Mapping[str, Any], dx: Sequence[Interval]) -> Interval:
+def _quadratic(claim: Claim, dx: Sequence[Interval]) -> Interval:
     total = constant(Fraction(0))
-    if "diagonal" in stored:
-        for pair, v in zip(stored["diagonal"], dx, strict=True):
-            total = total + constant(exact(pair)) * v.power(Fraction(2))
+    if claim.diagonal:
+        for (entry,), v in zip(claim.P, dx, strict=True):
+            total = total + constant(entry) * v.power(Fraction(2))
         return total
-    for i, row in enumerate(stored["lower"]):
-        for j, pair in enumerate(row):
-            factor = constant(exact(pair) * (1 if i == j else 2))
+    for i, row in enumerate(claim.P):
+        for j, entry in enumerate(row):
+            factor = constant(entry * (1 if i == j else 2))
             total = total + factor * (dx[i].power(Fraction(2)) if i == j else dx[i] * dx[j])
-    return total
-
-
-def _density(stored: Mapping[str, Any], size: int) -> list[Fraction]:
-    total = [Fraction(0)] * size
-    for mu, form in zip(stored["mu"], stored["forms"], strict=True):
-        total = [a + exact(mu) * exact(c) for a, c in zip(total, form, strict=True)]
     return total
 
 

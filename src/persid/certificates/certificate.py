@@ -13,13 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-import persid_check
-from persid._dyadics import value
 from persid._files import write_atomically
 from persid.certificates import bounds
 from persid.certificates import output_bounds as seen
 from persid.certificates.acceptance import accepted
-from persid.errors import ModelError, PersidError
+from persid.certificates.claims import Claim, claim_of
+from persid.errors import ModelError, PersidError, RejectedError
 from persid.models.model import PersidskiiModel
 
 
@@ -27,7 +26,8 @@ from persid.models.model import PersidskiiModel
 class Certificate:
     """A proof that a model is input-to-state stable, accepted by `persid_check` byte for byte.
 
-    `statement` and `steps` are the checker's own words; `claim` is G, M, E or R.
+    `statement` and `steps` are the checker's own words; `claim` is "iss", "rate-and-gain" (both for all initial states)
+    or "region". Files of both formats are read.
 
     Examples:
         >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
@@ -39,6 +39,7 @@ class Certificate:
     claim: str
     statement: str
     steps: tuple[str, ...]
+    further: tuple[str, ...] = ()
 
     @classmethod
     def accept(cls, data: bytes) -> "Certificate":
@@ -47,11 +48,14 @@ class Certificate:
         Raises:
             RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
-        answer = accepted(data, ("G", "M", "E", "R"))
-        return cls(data, answer.claim, answer.statement, answer.steps)
+        answer = accepted(data, ("iss", "rate-and-gain", "region"))
+        certificate = cls(data, answer.claim, answer.statement, answer.steps, answer.further)
+        if certificate.content.get("deviations"):
+            raise RejectedError("it speaks of plants with deviations; persid.check states what it proves")
+        return certificate
 
     def __repr__(self) -> str:
-        return f"Certificate(claim {self.claim}, {len(self.data)} bytes: {self.statement})"
+        return f"Certificate({self.claim}, {len(self.data)} bytes: {self.statement})"
 
     def _repr_html_(self) -> str:
         from persid.certificates.tables import of_certificate
@@ -72,60 +76,62 @@ class Certificate:
         """The model of which the certificate speaks."""
         return PersidskiiModel.from_canonical(self.content["model"])
 
+    @cached_property
+    def stated(self) -> Claim:
+        """What is claimed, in exact numbers, the same for both formats."""
+        return claim_of(self.content)
+
     @property
     def scope(self) -> str:
         """Whether the claim holds for all initial states ("global") or in a region ("regional")."""
-        return "regional" if self.claim == "R" else "global"
+        return "regional" if self.claim == "region" else "global"
 
     @property
     def operating_point(self) -> Float[ndarray, " n"]:
         """The state about which stability is claimed, in the user's units."""
-        point = self.content["operating_point"]
-        return self.model.x_ref if point is None else np.array([value(pair) for pair in point["x"]])
+        return self.model.x_ref if self.stated.x is None else np.array(self.stated.x, float)
 
     @property
     def input(self) -> Float[ndarray, " m"]:
         """The constant input u* for which the operating point is one."""
-        point = self.content["operating_point"]
-        return self.model.u_ref if point is None else np.array([value(pair) for pair in point["u"]])
+        return self.model.u_ref if self.stated.u is None else np.array(self.stated.u, float)
 
     @cached_property
     def P(self) -> Float[ndarray, "n n"]:
         """The matrix of the quadratic part of V."""
-        stored = self.content["P"]
-        if "diagonal" in stored:
-            return np.diag([value(pair) for pair in stored["diagonal"]])
-        rows = [[value(pair) for pair in row] for row in stored["lower"]]
-        lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
+        rows = self.stated.P
+        if self.stated.diagonal:
+            return np.diag([float(entry) for (entry,) in rows])
+        lower = np.array([[float(v) for v in row] + [0.0] * (len(rows) - len(row)) for row in rows])
         return lower + np.tril(lower, -1).T
 
     @property
     def rate(self) -> float | None:
-        """The decay rate kappa/2 of the state, in 1/s, rounded down; None for claims G and M, which have none."""
-        return bounds.below(bounds.exact(self.content["kappa"]) / 2) if self.claim in ("E", "R") else None
+        """The decay rate kappa/2 of the state, in 1/s, rounded down; None for claim "iss", which has none."""
+        return bounds.below(self.stated.kappa / 2) if self.stated.has_rate else None
 
     @property
     def gain(self) -> float | None:
-        """The gain sqrt(gamma/(kappa p)) from sup|u - u*| to |x - x*|, rounded up; None for claims G and M.
+        """The gain sqrt(gamma/(kappa p)) from sup|u - u*| to |x - x*|, rounded up; None for claim "iss".
 
         None where outputs are bounded, too: states that nobody measured have no unit; see `output_gains`.
         """
-        return bounds.above(bounds.gain(self.content)) if self.claim in ("E", "R") and not self.outputs else None
+        return bounds.above(bounds.gain(self.stated)) if self.stated.has_rate and not self.outputs else None
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """The names of the outputs that are bounded, each in its own unit; none for a model of states alone."""
-        return seen.names(self.content)
+        return tuple(output.name for output in self.stated.outputs)
 
     @property
     def output_gains(self) -> Float[ndarray, " l"] | None:
         """The gain from sup|u - u*| to |y - y*| of every output, rounded up; None without outputs."""
-        return np.array([bounds.above(ball) for ball in seen.gains(self.content)]) if self.outputs else None
+        return np.array([bounds.above(ball) for ball in seen.gains(self.stated)]) if self.outputs else None
 
     @property
     def is_incremental(self) -> bool:
         """Whether the bounds hold between any two solutions, so that every simulation forgets its start."""
-        return "incremental" in self.content
+        return "incremental" in self.further
 
     def output_bound(self, x0: Any, u_sup: float, t: Any) -> Float[ndarray, "N l"]:
         """Return an upper bound of |y_i - y_i*| at times t (s), for every input with sup|u - u*| <= u_sup.
@@ -138,28 +144,28 @@ class Certificate:
             raise PersidError("the certificate bounds no outputs; certify an OutputModel")
         x0, t = self._start(x0), _times(t)
         self._refuse_inputs(np.asarray(u_sup, float))
-        return seen.bound(self.content, x0, float(u_sup), t)
+        return seen.bound(self.stated, x0, self._joint(float(u_sup)), t)
 
     @property
     def gains(self) -> Float[ndarray, " m"] | None:
         """The gain from sup|u_l - u_l*| to |x - x*| of each input, rounded up: their parts of the bound add up.
 
-        All equal `gain` unless the certificate was made with gains="each". None for claims G and M.
+        All equal `gain` unless the certificate was made with gains="each". None for claim "iss".
         """
-        if self.claim not in ("E", "R") or self.outputs:
+        if not self.stated.has_rate or self.outputs:
             return None
-        found = bounds.gains(self.content, self.model.m + self.counts_b)
+        found = bounds.gains(self.stated, self.model.m + self.counts_b)
         return np.array([bounds.above(ball) for ball in found[: self.model.m]])
 
     @property
     def input_bound(self) -> float | None:
         """The admissible sup|u - u*| of a regional claim, rounded down; None for global claims."""
-        return bounds.below(bounds.exact(self.content["input_bound"])) if self.claim == "R" else None
+        return bounds.below(self.stated.input_bound) if self.claim == "region" else None
 
     @property
     def level(self) -> float | None:
         """The level c of the certified region {V <= c} of a regional claim; None for global claims."""
-        return bounds.below(bounds.exact(self.content["level"])) if self.claim == "R" else None
+        return bounds.below(self.stated.level) if self.claim == "region" else None
 
     def overshoot(self, x0: Any) -> float:
         """Return sqrt(V(x0)/p), rounded up: without input |x(t) - x*| never exceeds it.
@@ -167,7 +173,7 @@ class Certificate:
         Raises:
             PersidError: the claim has no rate, or x0 lies outside the certified region.
         """
-        return bounds.above(bounds.overshoot(self.content, self._start(x0)))
+        return bounds.above(bounds.overshoot(self.stated, self._start(x0)))
 
     def bound(self, x0: Any, u_sup: Any, t: Any) -> Float[ndarray, " N"]:
         """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
@@ -182,9 +188,12 @@ class Certificate:
         x0, t, u_sup = self._start(x0), _times(t), np.asarray(u_sup, float)
         self._refuse_inputs(u_sup)
         if u_sup.ndim:
-            return bounds.bound(self.content, x0, [*u_sup.tolist(), *[1.0] * self.counts_b], t)
-        joint = float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self.counts_b else float(u_sup)
-        return bounds.bound(self.content, x0, joint, t)
+            return bounds.bound(self.stated, x0, [*u_sup.tolist(), *[1.0] * self.counts_b], t)
+        return bounds.bound(self.stated, x0, self._joint(float(u_sup)), t)
+
+    def _joint(self, u_sup: float) -> float:
+        """Return the size of all that counts as an input: with b, that of (u - u*, 1)."""
+        return float(np.nextafter(np.hypot(u_sup, 1.0), np.inf)) if self.counts_b else u_sup
 
     def _refuse_inputs(self, u_sup: ndarray) -> None:
         """Refuse what is no size of the inputs, or one that the certificate does not admit."""
@@ -202,7 +211,7 @@ class Certificate:
     @property
     def counts_b(self) -> bool:
         """Whether the constant b counts as one more input, held at 1."""
-        return self.content["operating_point"] is None and bool(self.model.b.any())
+        return self.stated.x is None and bool(self.model.b.any())
 
     def _admits(self, u_sup: ndarray) -> bool:
         """Whether a region stays invariant for inputs of this size: v'Gamma v <= kappa c."""
@@ -210,17 +219,16 @@ class Certificate:
             return True
         if not u_sup.ndim:
             return bool(u_sup <= self.input_bound)
-        limit = bounds.exact(self.content["kappa"]) * bounds.exact(self.content["level"])
-        return bounds.supply(self.content, u_sup.tolist()) <= limit
+        return bounds.supply(self.stated.gamma, u_sup.tolist()) <= self.stated.kappa * self.stated.level
 
     def _start(self, x0: Any) -> ndarray:
         """Return x0 as a state from which the estimate holds."""
-        if self.claim not in ("E", "R"):
-            raise PersidError(f"claim {self.claim} has no rate and no gain; certify gives them (claim E) where it can")
+        if not self.stated.has_rate:
+            raise PersidError("the claim has no rate and no gain; certify gives them (rate-and-gain) where it can")
         x0 = np.asarray(x0, float)
         if x0.shape != (self.model.n,) or not np.isfinite(x0).all():
             raise ModelError(f"x0 is {x0.tolist()}; needed are {self.model.n} finite numbers")
-        if self.claim == "R" and not bounds.is_in_region(self.content, x0):
+        if self.claim == "region" and not bounds.is_in_region(self.stated, x0):
             raise PersidError(f"x0 = {x0.tolist()} is not proved to lie in the certified region")
         return x0
 
@@ -229,19 +237,13 @@ class Certificate:
         channels, point = self.model.channels, self.operating_point
         dx = np.asarray(x, float) - point
         total = np.einsum("ki,ij,kj->k", dx, self.P, dx)
-        for group, stored in zip(persid_check.groups(self.content["model"]), self.content["groups"], strict=True):
+        for part in self.stated.parts:
             row = np.zeros(self.model.n)
-            row[list(group.row)] = [float(v) for v in group.row.values()]
-            density = sum(
-                (
-                    value(mu) * np.array([value(c) for c in form])
-                    for mu, form in zip(stored["mu"], stored["forms"], strict=True)
-                ),
-                start=np.zeros(1 + len(group.members)),
-            )
+            row[list(part.row)] = [float(v) for v in part.row.values()]
+            density = [float(v) for v in part.density]
             y, at = dx @ row, float(row @ (point - self.model.x_ref))
             total = total + density[0] * y**2
-            for weight, (c, alpha) in zip(density[1:], group.members, strict=True):
+            for weight, (c, alpha) in zip(density[1:], part.members, strict=True):
                 f, a = channels.functions[c], float(alpha)
                 start, slope = np.array([a * at]), f.value(np.array([a * at]))
                 integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y

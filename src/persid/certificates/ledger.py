@@ -1,7 +1,7 @@
 """Certificates of format 2 from the content of format 1: curves are shared, and each lemma gets its partition."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import gcd, lcm
 from typing import Any
@@ -13,14 +13,18 @@ from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import RoundingError
 from persid_check.exact import Matrix, diagonal
 from persid_check.expression import parse
+from persid_check.format import WORDS
 from persid_check.ledger.assembly import assemble
-from persid_check.ledger.file import FORMAT, read_ledger
+from persid_check.ledger.file import FORMAT, MAX_FORMS, read_ledger
 from persid_check.ledger.lemmas import Cuts, Lemma
-from persid_check.model import Model, groups_of, model_of
+from persid_check.model import Group, Model, groups_of, model_of
 
-CLAIMS = {"G": "iss", "M": "iss", "E": "rate-and-gain", "R": "region"}
 _ZERO = Fraction(0)
+SECTOR = ("nondecreasing", "sector")  # kinds that are tried, the one that says most first
+SPANNING = ("rising", "growing", *SECTOR)
+INTEGRABLE = (*SECTOR, "offset")
 Form = tuple[Fraction, ...]
+Row = Mapping[int, Fraction]
 
 
 def dyadic(number: Fraction) -> list[int]:
@@ -46,30 +50,23 @@ def _read(pair: Sequence[int]) -> Fraction:
     return Fraction(pair[0]) * Fraction(2) ** pair[1]
 
 
-@dataclass
-class Curves:
-    """The curves of a file, each once, with the proved forms in the order of their first use."""
+@dataclass(frozen=True)
+class Use:
+    """A form as a point uses it: c and d of its integral where it is a density, `spans` where it has to grow."""
 
-    claim: str
-    listed: list[dict[str, Any]] = field(default_factory=list)
-    places: dict[Any, int] = field(default_factory=dict)
-
-    def place(self, key: "CurveKey") -> int:
-        """Return the number of a curve; its proofs are found at its first use."""
-        if key not in self.places:
-            self.places[key] = len(self.listed)
-            self.listed.append(key.written(self.claim))
-        return self.places[key]
+    form: Form
+    c: Fraction | None = None
+    d: Fraction = _ZERO
+    spans: bool = False
 
 
 @dataclass(frozen=True)
-class CurveKey:
-    """What makes a curve: functions with factors, centre, domain, and forms with (used in V, c, d)."""
+class Curve:
+    """Functions with factors, their possible centres and the domain: what points may share."""
 
     functions: tuple[tuple[str, Fraction], ...]
     shift: tuple[Fraction, Fraction] | str | None
     domain: tuple[Fraction, Fraction] | None
-    forms: tuple[tuple[Form, Fraction | None, Fraction, bool], ...]
 
     def lemma(self, form: Form, kind: str, **numbers: Fraction) -> Lemma:
         """Return a lemma about the curve."""
@@ -79,8 +76,8 @@ class CurveKey:
             centre = (self.shift[0] - self.shift[1], self.shift[0] + self.shift[1])
         return Lemma(functions, form, kind, centre, **numbers)
 
-    def written(self, claim: str) -> dict[str, Any]:
-        """Return the curve's object, with partitions.
+    def written(self, uses: Sequence[Use]) -> dict[str, Any]:
+        """Return the curve's object with these forms, with partitions.
 
         Raises:
             RoundingError: a lemma is not proved.
@@ -93,19 +90,14 @@ class CurveKey:
             raise RoundingError("no proof that the functions are continuous")
         forms: list[dict[str, Any]] = []
         extra: list[dict[str, Any]] = []
-        for form, c, d, spans in self.forms:
-            kind, cuts = self._kind(form, spans)
-            entry: dict[str, Any] = {
-                "l": [dyadic(v) for v in form],
-                "is": kind,
-                "cuts": written_cuts(cuts),
-                "offset": [0, 0],
-            }
-            entry["upper"] = None if c is None else self._upper(form, kind, c)
-            entry["lower"] = None
-            if d:
-                entry["lower"] = [dyadic(d), len(self.forms) + len(extra)]
-                extra.append(self._below((form[0] - d, *form[1:])))
+        for use in uses:
+            entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else SECTOR))
+            if use.c is not None:
+                entry["upper"] = self._upper(use.form, entry["is"], use.c)
+            if use.d:
+                below = (use.form[0] - use.d, *use.form[1:])
+                entry["lower"] = [dyadic(use.d), len(uses) + len(extra)]
+                extra.append(self._written(below, *self._kind(below, INTEGRABLE)))
             forms.append(entry)
         return {
             "functions": [[text, dyadic(alpha)] for text, alpha in self.functions],
@@ -116,9 +108,13 @@ class CurveKey:
             "products": [],
         }
 
-    def _kind(self, form: Form, spans: bool, *more: str) -> tuple[str, Cuts]:
-        kinds = ["rising", "growing"] if spans else []
-        for kind in [*kinds, "nondecreasing", "sector", *more]:
+    def holds_about_any(self, use: Use) -> bool:
+        """Whether the form is nondecreasing and its bounds follow from that: then the centre plays no part."""
+        free = use.c is None or use.c >= (1 if any(use.form[1:]) or use.form[0] < 0 else Fraction(1, 2))
+        return free and not use.d and not use.spans and cuts_of(self.lemma(use.form, "nondecreasing"), None) is not None
+
+    def _kind(self, form: Form, kinds: Sequence[str]) -> tuple[str, Cuts]:
+        for kind in kinds:
             cuts = cuts_of(self.lemma(form, kind), self.domain)
             if cuts is not None:
                 return kind, cuts
@@ -133,10 +129,33 @@ class CurveKey:
             raise RoundingError(f"no proof of the bound {float(c)} of the integral of {[float(v) for v in form]}")
         return [dyadic(c), [0, 0], written_cuts(cuts)]
 
-    def _below(self, form: Form) -> dict[str, Any]:
-        kind, cuts = self._kind(form, False, "offset")
+    @staticmethod
+    def _written(form: Form, kind: str, cuts: Cuts) -> dict[str, Any]:
         found = {"l": [dyadic(v) for v in form], "is": kind, "cuts": written_cuts(cuts)}
         return found | {"offset": [0, 0], "upper": None, "lower": None}
+
+
+@dataclass
+class Curves:
+    """The curves of a file, each once, with the uses of its forms in the order of the points."""
+
+    found: list[tuple[Curve, dict[Use, int]]] = field(default_factory=list)
+    places: dict[Curve, int] = field(default_factory=dict)
+
+    def place(self, curve: Curve, uses: Sequence[Use]) -> tuple[int, list[int]]:
+        """Return the number of a curve, and those of its forms that are meant."""
+        if curve.shift is not None and curve.domain is None and all(curve.holds_about_any(use) for use in uses):
+            curve = replace(curve, shift="any")
+        i = self.places.get(curve, len(self.found))
+        if i == len(self.found) or len({*self.found[i][1], *uses}) > MAX_FORMS // 2:  # a lower bound is a form, too
+            i = self.places[curve] = len(self.found)
+            self.found.append((curve, {}))
+        listed = self.found[i][1]
+        return i, [listed.setdefault(use, len(listed)) for use in uses]
+
+    def written(self) -> list[dict[str, Any]]:
+        """Return the objects of the curves."""
+        return [curve.written(list(uses)) for curve, uses in self.found]
 
 
 def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
@@ -146,34 +165,33 @@ def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
         RoundingError: a lemma has no partition that is found, or a factor no proof.
     """
     model, claim = model_of(content["model"]), content["claim"]
-    curves, points, facts = Curves(claim), [], []
+    curves, points, facts = Curves(), [], []
     for g, (group, stored) in enumerate(zip(groups_of(model), content["groups"], strict=True)):
         scale, row, alphas = _dyadic_row(group.row, [alpha for _, alpha in group.members])
-        key = _curve_key(content, model, row, group, alphas, stored, scale)
-        densities = [[k, dyadic(_read(mu) * scale)] for k, mu in enumerate(stored["mu"]) if mu[0]]
+        place, at = curves.place(_curve(content, model, row, group, alphas), list(_uses(claim, stored, scale)))
+        densities = [[at[k], dyadic(_read(mu) * scale)] for k, mu in enumerate(stored["mu"]) if mu[0]]
         points.append(
             {
-                "curve": curves.place(key),
+                "curve": place,
                 "row": [[i, dyadic(r)] for i, r in row.items()],
                 "channels": [c for c, _ in group.members],
                 "densities": densities,
             }
         )
-        facts += [[g, k, j, tau] for k, j, tau in stored["products"]]
-    rated = claim in ("E", "R")
-    regional = claim == "R"
+        facts += [[g, at[k], at[j], tau] for k, j, tau in stored["products"]]
+    rated, regional, written = claim in ("E", "R"), claim == "R", curves.written()
     draft = {
         "format": FORMAT,
-        "claim": CLAIMS[claim],
+        "claim": WORDS[claim],
         **{name: content[name] for name in ("statement", "model_sha256", "model", "operating_point")},
-        "curves": curves.listed,
+        "curves": written,
         "points": points,
         "facts": {"value": facts, "one_signed": [], "difference": [], "constant": []},
         "P": content["P"],
         "gamma": content["gamma"],
         "deviations": [],
         "dropped": content["dropped"],
-        "spanning": _spanning(content, model, points),
+        "spanning": _spanning(content, model, points, written),
         "kappa": content["kappa"] if rated else [0, 0],
         "p": content["p"] if rated else [0, 0],
         "strips": _strips(content, model) if regional else [],
@@ -218,30 +236,32 @@ def _dyadic_row(
     return k, {i: value / k for i, value in row.items()}, [alpha * k for alpha in alphas]
 
 
-def _curve_key(content, model: Model, row, group, alphas, stored, scale: Fraction) -> CurveKey:  # type: ignore[no-untyped-def]
-    rated, claim = content["claim"] in ("E", "R"), content["claim"]
-    shift, domain = None, None
-    point = content["operating_point"]
+def _curve(content: dict[str, Any], model: Model, row: Row, group: Group, alphas: Sequence[Fraction]) -> Curve:
+    """Return the curve of a group of channels, about the operating point and on the region."""
+    shift, domain, point = None, None, content["operating_point"]
     if point is not None:
         center = sum((r * (_read(point["x"][i]) - model.x_ref[i]) for i, r in row.items()), _ZERO)
         shift = (center, sum((abs(r) for r in row.values()), _ZERO) * _read(point["radius"]))
-    if claim == "R":
+    if content["claim"] == "R":
         box = _relative_box(content, model)
         sides = [sorted((r * box[i][0], r * box[i][1])) for i, r in row.items()]
-        domain = (
-            (sum((s[0] for s in sides), _ZERO), sum((s[1] for s in sides), _ZERO))
-            if sides
-            else (Fraction(-1), Fraction(1))
-        )
-    forms = []
-    for k, (pairs, mu) in enumerate(zip(stored["forms"], stored["mu"], strict=True)):
+        domain = (sum((s[0] for s in sides), _ZERO), sum((s[1] for s in sides), _ZERO))
+        domain = domain if sides else (Fraction(-1), Fraction(1))
+    functions = tuple((model.channels[c].text, alpha) for (c, _), alpha in zip(group.members, alphas, strict=True))
+    return Curve(functions, shift, domain)
+
+
+def _uses(claim: str, stored: dict[str, Any], scale: Fraction) -> Iterator[Use]:
+    """Return how a group uses its forms; those in V have their constants."""
+    none = [None] * len(stored["forms"])
+    bounds = zip(stored.get("integral", none), stored.get("quadratic", none), strict=True)
+    for pairs, mu, (c, d) in zip(stored["forms"], stored["mu"], bounds, strict=True):
         form = tuple(_read(v) for v in pairs)
         form = (form[0] * scale, *form[1:])
-        c = _read(stored["integral"][k]) if rated and mu[0] else None
-        d = _read(stored["quadratic"][k]) * scale if claim == "R" and mu[0] and stored["quadratic"][k] else _ZERO
-        forms.append((form, c, d, claim == "M" and bool(mu[0])))
-    functions = tuple((model.channels[c].text, alpha) for (c, _), alpha in zip(group.members, alphas, strict=True))
-    return CurveKey(functions, shift, domain, tuple(forms))
+        if mu[0]:
+            yield Use(form, c and _read(c), _read(d) * scale if d else _ZERO, claim == "M")
+        else:
+            yield Use(form)
 
 
 def _relative_box(content: dict[str, Any], model: Model) -> list[tuple[Fraction, Fraction]]:
@@ -258,13 +278,15 @@ def _strips(content: dict[str, Any], model: Model) -> list[Any]:
     return [[[[i, [1, 0]]], dyadic(lo), dyadic(hi)] for i, (lo, hi) in enumerate(box)]
 
 
-def _spanning(content: dict[str, Any], model: Model, points: list[dict[str, Any]]) -> list[list[int]]:
+def _spanning(
+    content: dict[str, Any], model: Model, points: list[dict[str, Any]], curves: list[dict[str, Any]]
+) -> list[list[int]]:
     if not any(i < model.n for i in content["dropped"]):
         return []
     dropped, found = set(content["dropped"]), []
-    for p, (point, stored) in enumerate(zip(points, content["groups"], strict=True)):
+    for p, point in enumerate(points):
         for k, _ in point["densities"]:
-            form = stored["forms"][k]
+            form = curves[point["curve"]]["forms"][k]["l"]
             reads = {model.n + c for c, v in zip(point["channels"], form[1:], strict=True) if v[0]}
             reads |= {i for i, _ in point["row"]} if form[0][0] else set()
             if not reads & dropped:

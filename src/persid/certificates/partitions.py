@@ -4,22 +4,32 @@ The search is here. Pieces are bisected until the checker's own evaluation of a 
 ends the search.
 """
 
+from dataclasses import replace
 from fractions import Fraction
+from functools import lru_cache
 from itertools import pairwise
 
 from persid_check.enclosure import UndefinedError, between, value
 from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, variable
 
 GERMS = tuple(Fraction(2) ** k for k in (20, 8, 6, 4, 3, 2, 1, 0, -1, -2, -3, -4, -6, -8, -12, -18, -24))
-TAILS = tuple(Fraction(2) ** k for k in (-1, 0, 1, 2, 3, 4, 6, 8, 12, 20))
+TAILS = tuple(Fraction(2) ** k for k in (3, 5, 8, 12, 20))
+PROBES = tuple(s * Fraction(3 * 2 ** (k + 8), 1024) for k in range(-6, 6) for s in (1, -1))  # 0.01 to 24, and minus
 PIECES = 3000  # of a partition
 FINEST = Fraction(1, 2**40)
 _ZERO = Fraction(0)
 
 
+@lru_cache(maxsize=8192)
 def cuts_of(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
     """Return cuts on which the checker proves a lemma, None where none are found."""
     low, high = lemma.centre or (_ZERO, _ZERO)
+    if lemma.kind in SLOPES and domain is None and lemma.centre is not None:  # its pieces do not know the centre
+        found = cuts_of(replace(lemma, centre=None), None)
+        if found is None or (found[0] < low and high < found[-1]):
+            return found
+    if _refuted(lemma, domain):
+        return None
     ends = _ends(lemma) if domain is None else (low + domain[0], high + domain[1])
     if ends is None:
         return None
@@ -28,9 +38,22 @@ def cuts_of(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | No
         return None
     left, right = _bisected(lemma, ends[0], germ[0]), _bisected(lemma, germ[-1], ends[1])
     if left is not None and right is not None:
-        cuts = tuple(sorted({*left, *germ, *right}))
-        return cuts if lemma.unproved(cuts, domain) is None else None
+        return tuple(sorted({*left, *germ, *right}))
     return _equal(lemma, ends, domain) if lemma.kind in SUMMED else None
+
+
+def _refuted(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> bool:
+    """Whether the quantity is negative at some point that is tried: then there is nothing to search."""
+    if lemma.kind in SUMMED or lemma.kind == "one-signed":
+        return False
+    low, high = lemma.centre or (_ZERO, _ZERO)
+    least, most = (None, None) if domain is None else (low + domain[0], high + domain[1])
+    opposite = replace(lemma, form=tuple(-v for v in lemma.form), kind="rising" if lemma.kind in SLOPES else "growing")
+    for step in PROBES:
+        t = step + (high if step > 0 else low)
+        if (least is None or least <= t) and (most is None or t <= most) and opposite.holds_on(t, t):
+            return True
+    return False
 
 
 def _equal(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
@@ -59,16 +82,20 @@ def _germ(lemma: Lemma, ends: tuple[Fraction, Fraction], low: Fraction, high: Fr
         middle = _ZERO if lemma.kind in SLOPES or low != high else low
         if not ends[0] < middle < ends[1]:
             return (ends[0], ends[0])
-        left = next((h for h in GERMS if middle - h > ends[0] and lemma.holds_on(middle - h, middle)), None)
-        right = next((h for h in GERMS if middle + h < ends[1] and lemma.holds_on(middle, middle + h)), None)
-        left = middle - ends[0] if lemma.holds_on(ends[0], middle) else left
-        right = ends[1] - middle if lemma.holds_on(middle, ends[1]) else right
-        return (middle - (left or 0), middle, middle + (right or 0))
+        reach = middle - ends[0], ends[1] - middle
+        left = next((h for h in _within(reach[0]) if lemma.holds_on(middle - h, middle)), _ZERO)
+        right = next((h for h in _within(reach[1]) if lemma.holds_on(middle, middle + h)), _ZERO)
+        return (middle - left, middle, middle + right)
     for h in GERMS:
         pair = (max(low - h, ends[0]), min(high + h, ends[1]))
         if lemma.holds_on(*pair):
             return pair
     return None
+
+
+def _within(reach: Fraction) -> list[Fraction]:
+    """Return widths to try beside a centre, the widest first."""
+    return [reach, *(h for h in GERMS if h < reach)]
 
 
 def _bisected(lemma: Lemma, a: Fraction, b: Fraction) -> list[Fraction] | None:

@@ -12,7 +12,6 @@ from numpy import ndarray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
-from persid._dyadics import value
 from persid._threads import few_threads
 from persid.certificates.certificate import Certificate
 from persid.certified_fits.candidates import (
@@ -60,9 +59,9 @@ def rated(
     The multipliers of a fit are those of its data's best model, at the edge of what can be certified; for that model
     `certify` finds larger rates and smaller gains.
     """
-    regional = verdict.certificate.claim == "R"
+    regional = verdict.certificate.scope == "regional"
     found = certify(model, domain="data" if regional else "global", time_limit=time_limit, progress=progress)
-    if not isinstance(found, Certified) or found.certificate.claim != ("R" if regional else "E"):
+    if not isinstance(found, Certified) or found.certificate.claim != ("region" if regional else "rate-and-gain"):
         return verdict
     if (found.certificate.rate or 0.0) <= (verdict.certificate.rate or 0.0):
         return verdict
@@ -200,9 +199,8 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         """Whether the accepted certificate shows the rate and the gain that were asked for."""
         if self.min_rate is None and self.max_gain is None:
             return True
-        kappa, gamma, p = (value(certificate.content[name]) for name in ("kappa", "gamma", "p"))
-        slow = self.min_rate is not None and kappa / 2 < self.min_rate
-        strong = self.max_gain is not None and np.sqrt(gamma / (kappa * p)) > self.max_gain
+        slow = self.min_rate is not None and (certificate.rate or 0.0) < self.min_rate
+        strong = self.max_gain is not None and (certificate.gain or np.inf) > self.max_gain
         return not (slow or strong)
 
     @property

@@ -142,7 +142,7 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
     answer = persid_check.check(certificate, model, explain)
     name = type(answer).__name__.lower()
     if isinstance(answer, persid_check.Accepted):
-        rows = [("verdict", f"{name}, claim {answer.claim}"), ("statement", answer.statement)]
+        rows = [("verdict", f"{name}: {answer.claim}"), ("statement", answer.statement)]
         rows += [("steps", "\n".join(answer.steps))] if answer.steps else []
         content: dict[str, Any] = {"claim": answer.claim, "statement": answer.statement, "steps": list(answer.steps)}
     else:
@@ -180,9 +180,11 @@ def _write_proof(verdict: Any, model: "PersidskiiModel", target: Path) -> str | 
 
 def _is_certificate_of(model: "PersidskiiModel", path: Path) -> bool:
     """Whether a file says that it is a certificate of stability of this model."""
+    from persid_check.format import WORDS
+
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return False
-    claims = ("G", "M", "E", "R", "L1")
+    claims = (*WORDS, *WORDS.values(), "L1")
     return isinstance(content, dict) and content.get("model_sha256") == model.sha256 and content.get("claim") in claims

@@ -19,6 +19,7 @@ from persid._dyadics import dyadic, dyadics, rounded, value
 from persid._files import write_atomically
 from persid.certificates import bounds
 from persid.certificates.acceptance import accepted
+from persid.certificates.claims import exact
 from persid.certificates.encoding import encode, heading
 from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
@@ -149,7 +150,7 @@ class NetworkCertificate:
 
     @cached_property
     def _kappa(self) -> Fraction:
-        return bounds.exact(self.content["kappa"])
+        return exact(self.content["kappa"])
 
     @cached_property
     def _least(self) -> float:

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-from persid._dyadics import value
 from persid.certificates.certificate import Certificate
+from persid.certificates.claims import Part
 from persid.measurements.trajectories import Trajectory
 from persid.networks.certificate import NetworkCertificate
 from persid.plots.fields import box_of, mesh, phase_portrait
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, thin, tidy
-from persid_check import groups
 
 GRID, FINE_GRID = 81, 101  # points a side on which V is evaluated; the finer one up to so many states:
 FINE_STATES = 6
@@ -32,25 +32,27 @@ def level_sets(
     shaded), or else the model's domain with the operating point, widened.
     """
     model, point, (i, j) = certificate.model, certificate.operating_point, states
-    region = certificate.content if certificate.claim == "R" else {}
-    box = _frame(certificate, states) if box is None and region else box_of(model, box, point)
+    level = certificate.level if isinstance(certificate, Certificate) else None
+    if box is None and isinstance(certificate, Certificate) and level is not None:
+        box = _frame(certificate, level, states)
+    box = box_of(model, box, point)
     phase_portrait(ax, model, box, states, runs, point)
     X, Y, points = mesh(box, states, FINE_GRID if model.n <= FINE_STATES else GRID, point)
     with np.errstate(all="ignore"):
         V = np.nan_to_num(certificate.V(points), nan=0.0, posinf=1e300).reshape(X.shape)
-    ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=0.8 if region else 1.1, zorder=2)
-    if region:
-        ax.contour(X, Y, V, levels=[value(region["level"])], colors=LEVEL, linewidths=3, zorder=2)
-        ax.contourf(X, Y, V, levels=[V.min() - 1, value(region["level"])], colors=LEVEL, alpha=0.12, zorder=0)
+    ax.contour(X, Y, V, levels=_levels(V), colors=LEVEL, linewidths=1.1 if level is None else 0.8, zorder=2)
+    if level is not None:
+        ax.contour(X, Y, V, levels=[level], colors=LEVEL, linewidths=3, zorder=2)
+        ax.contourf(X, Y, V, levels=[V.min() - 1, level], colors=LEVEL, alpha=0.12, zorder=0)
     ax.plot(point[i], point[j], marker="o", ms=6, color=INK, ls="none", zorder=4, label="operating point")
     return ax
 
 
-def _frame(certificate: Proof, states: Sequence[int]) -> ndarray:
+def _frame(certificate: Certificate, level: float, states: Sequence[int]) -> ndarray:
     """The box of a regional claim, in the plane of two states cut down to the region with a margin about it."""
-    box = np.array([[value(lo), value(hi)] for lo, hi in certificate.content["box"]])
+    box = sides(certificate)
     _, _, points = mesh(box, states, 2 * GRID, certificate.operating_point)
-    inside = points[certificate.V(points) <= value(certificate.content["level"])]
+    inside = points[certificate.V(points) <= level]
     for k in states if len(inside) else ():
         low, high = float(inside[:, k].min()), float(inside[:, k].max())
         margin = 0.3 * (high - low)
@@ -67,9 +69,7 @@ def _levels(V: ndarray) -> ndarray:
 
 def largest_input(certificate: Proof, run: Trajectory) -> float:
     """Return the largest |u - u*| of a run, about the nominal input u* of the certificate."""
-    point = certificate.content["operating_point"]
-    stated = isinstance(point, dict)  # claim L1 speaks of x_ref, or of every equilibrium
-    u = np.array([value(pair) for pair in point["u"]]) if stated else certificate.model.u_ref
+    u = certificate.input if isinstance(certificate, Certificate) else certificate.model.u_ref
     return float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
 
 
@@ -118,12 +118,12 @@ def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
     The forms that make up V are solid, those that serve as multipliers only are dashed. The range of y is the region of
     a regional claim, or else that of the model's domain.
     """
-    low, high, phi, y = _curve(certificate, group)
+    part = certificate.stated.parts[group]
+    low, high, phi, y = _curve(certificate, part)
     for k, curve in enumerate(phi[1:]):
         ax.plot(y, curve / _top(curve), color=MEASURED, lw=3.2, alpha=0.45, label=None if k else "functions")
-    stored = certificate.content["groups"][group]
-    forms = np.array([[value(c) for c in form] for form in stored["forms"]]).reshape(-1, len(phi)) @ phi
-    in_V = [value(mu) > 0 for mu in stored["mu"]]
+    forms = np.array(part.forms, float).reshape(-1, len(phi)) @ phi
+    in_V = [mu > 0 for mu in part.mu]
     for style, mine, label in (("-", True, "sector forms in V"), (DASHES, False, "other sector forms")):
         for k, curve in enumerate(form for form, used in zip(forms, in_V, strict=True) if used is mine):
             ax.plot(y, curve / _top(curve), color=FORM, lw=1.0, ls=style, label=None if k else label)
@@ -136,15 +136,22 @@ def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:
     return tidy(ax)
 
 
-def _curve(certificate: Certificate, group: int) -> tuple[float, float, ndarray, ndarray]:
-    """Return a range of y, phi(y) of one group about the operating point, one row an entry, and y."""
-    model, part = certificate.model, groups(certificate.content["model"])[group]
+def sides(certificate: Certificate) -> Float[ndarray, "n 2"]:
+    """Return the box in which a region lies: that of the strips along a state, else the model's."""
+    point, box = certificate.operating_point, np.full((certificate.model.n, 2), [-np.inf, np.inf])
+    for row, lo, hi in certificate.stated.strips:
+        for i, r in row.items() if len(row) == 1 else ():
+            low, high = sorted((float(lo / r), float(hi / r)))
+            box[i] = max(box[i, 0], point[i] + low), min(box[i, 1], point[i] + high)
+    return np.where(np.isfinite(box), box, box_of(certificate.model, None, point))
+
+
+def _curve(certificate: Certificate, part: Part) -> tuple[float, float, ndarray, ndarray]:
+    """Return a range of y, phi(y) of one part about the operating point, one row an entry, and y."""
+    model = certificate.model
     weights, places = np.array([float(v) for v in part.row.values()]), list(part.row)
     at = float(weights @ (certificate.operating_point - model.x_ref)[places])
-    if certificate.claim == "R":
-        box = np.array([[value(lo), value(hi)] for lo, hi in certificate.content["box"]])
-    else:
-        box = box_of(model, None, certificate.operating_point)
+    box = sides(certificate)
     ends = weights[:, None] * (box - certificate.operating_point[:, None])[places]
     low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
     y = np.linspace(low, high, 241)

@@ -36,7 +36,7 @@ def _nominal(verdict: Verdict, model: Any) -> tuple[ndarray | None, ndarray | No
     """Return the nominal state and input that a verdict is about, None where it names none."""
     if isinstance(verdict, Certified):
         proof = verdict.certificate
-        if not isinstance(proof, Certificate) or proof.content.get("operating_point") is None:
+        if not isinstance(proof, Certificate) or proof.stated.x is None:
             return None, None
         return proof.operating_point, proof.input
     if isinstance(verdict, Refuted):

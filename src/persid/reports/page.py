@@ -149,7 +149,7 @@ def _gains(verdict: Verdict, model: PersidskiiModel) -> list[tuple[str, float]]:
     """Return the gain of each input, where the certificate tells them apart."""
     gains = (
         verdict.certificate.gains
-        if isinstance(verdict, Certified) and verdict.certificate.claim in ("E", "R")
+        if isinstance(verdict, Certified) and verdict.certificate.claim in ("rate-and-gain", "region")
         else None
     )
     if gains is None or len(gains) < 2 or np.ptp(gains) == 0:

@@ -15,7 +15,6 @@ from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate
 from persid.reports.figures import Drawing, FreeRun, legend, number, side_by_side
 from persid.verdicts.verdict import Certified, Verdict
-from persid_check import groups
 
 PAIRS, GROUPS = 3, 6  # at most so many planes and groups are drawn
 CHALLENGERS, SEED = 8, 0  # simulations from other starts that are set against a bound
@@ -102,7 +101,7 @@ def _level_sets(certificate: Certificate, pair: tuple[int, int], measured: Seque
     model = certificate.model
     figure, axes = side_by_side(1, 4.6)
     plots.level_sets(axes[0], certificate, None, pair, measured)
-    region = ", the certified region (shaded)" if certificate.claim == "R" else ""
+    region = ", the certified region (shaded)" if certificate.scope == "regional" else ""
     point = ", ".join(number(certificate.operating_point[k]) for k in pair)
     caption = (
         f"Level sets of the Lyapunov function V (green){region}, the direction of motion for u = u_ref (grey arrows), "
@@ -160,10 +159,7 @@ def _kick(certificate: Certificate) -> list[FreeRun]:
 
 def nominal_input(certificate: Certificate | NetworkCertificate) -> ndarray:
     """Return the constant input u* of a certificate."""
-    point = certificate.content["operating_point"]
-    if not isinstance(point, dict):  # about x_ref, or (claim L1) about every equilibrium
-        return certificate.model.u_ref
-    return np.array([value(pair) for pair in point["u"]])
+    return certificate.input if isinstance(certificate, Certificate) else certificate.model.u_ref
 
 
 def challengers(certificate: Certificate, run: Trajectory) -> Iterator[Trajectory]:
@@ -198,24 +194,21 @@ def _on_level(certificate: Certificate, start: ndarray, direction: ndarray) -> n
 
 def _sectors(certificate: Certificate) -> list[Drawing]:
     """Draw the functions and sector forms of the first groups."""
-    model, count = certificate.model, min(len(certificate.content.get("groups", [])), GROUPS)
+    model, parts = certificate.model, certificate.stated.parts
+    count = min(len(parts), GROUPS)
     if not count:
         return []
     figure, axes = side_by_side(count, 2.6)
     words = []
-    for g, (ax, group) in enumerate(zip(axes, groups(model.canonical), strict=False)):
+    for g, (ax, part) in enumerate(zip(axes, parts, strict=False)):
         plots.sector_forms(ax, certificate, g)
-        along = ", ".join(model.states[k] for k in group.row)
+        along = ", ".join(model.states[k] for k in part.row)
         ax.set_title(f"y along {plots.short(along, 30)}", fontsize=10)
-        forms = len(certificate.content["groups"][g]["forms"])
-        words.append(f"along {along}: {1 + len(group.members)} functions with y itself, {forms} forms")
+        size, forms = 1 + len(part.members), len(part.forms)
+        words.append(f"along {along}: {size} functions with y itself, {forms} forms")
     legend(figure, axes, 3)
-    where = "on the region" if certificate.claim == "R" else "for all y, also beyond what is drawn"
-    some = (
-        f" Drawn are {count} of {len(certificate.content['groups'])} groups."
-        if count < len(certificate.content["groups"])
-        else ""
-    )
+    where = "on the region" if certificate.scope == "regional" else "for all y, also beyond what is drawn"
+    some = f" Drawn are {count} of {len(parts)} groups." if count < len(parts) else ""
     caption = (
         "The functions of each group (blue) and the sector forms that the proof relies on (thin): each has the sign of "
         f"y, so it stays in the shaded quadrants; the checker has proved this {where}.{some}"

@@ -65,7 +65,7 @@ def certify(
         >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
         >>> verdict = ps.certify(model)
         >>> verdict.is_certified, verdict.certificate.claim
-        (True, 'E')
+        (True, 'rate-and-gain')
     """
     if isinstance(model, OutputModel):
         refuse_steep_maps(model)
@@ -217,8 +217,8 @@ def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
 
 
 def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certificate, log: Log) -> Certificate:
-    """Return a certificate with rate and gain (claim E) where there is one and time for it, else the one given."""
-    if certificate.claim == "M" or setting.model.n > RATED_STATES or log.left() <= 0:
+    """Return a certificate with rate and gain where there is one and time for it, else the one given."""
+    if certificate.stated.drops_states or setting.model.n > RATED_STATES or log.left() <= 0:
         return certificate
     with log.attempt(RATED) as outcome:
         answer, _ = settled(setting, partial(rate_and_gain, full_P=full_P, each=asked.each, log=log), log)
@@ -250,4 +250,4 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
 
 
 def _word(answer: Certificate | NetworkCertificate | Failure) -> str:
-    return answer.reason.name.lower() if isinstance(answer, Failure) else f"certified, claim {answer.claim}"
+    return answer.reason.name.lower() if isinstance(answer, Failure) else f"certified, {answer.claim}"

@@ -73,7 +73,7 @@ def certify_fit(
 
 
 def _word(certificate: Certificate | None) -> str:
-    return "no certificate" if certificate is None else f"certified, claim {certificate.claim}"
+    return "no certificate" if certificate is None else f"certified, {certificate.claim}"
 
 
 def _rank(certificate: Certificate, model: OutputModel, min_rate: float) -> tuple[bool, float]:

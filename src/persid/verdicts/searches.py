@@ -58,7 +58,7 @@ def settled(setting: Setting, find: Find, log: Log) -> tuple[Certificate | Failu
 
 
 def grows(setting: Setting, lyapunov: Lyapunov) -> bool:
-    """Whether states in V as such and the rows of functions unbounded at both ends span the state space (claim M)."""
+    """Whether states in V as such and the rows of functions unbounded at both ends span the state space."""
     rows = [np.eye(lyapunov.system.n)[list(lyapunov.system.states)]]
     for group in setting.found:
         curve = group.curve
@@ -93,7 +93,7 @@ def rate_and_gain(setting: Setting, full_P: bool, each: bool, log: Log) -> Lyapu
     if fastest <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     system, reach = setting.system, setting.reach
-    if len(system.states) < system.n:  # claims E and R keep every state; no form lets this one be kept
+    if len(system.states) < system.n:  # a rate keeps every state; no form lets this one be kept
         return stopped(Status.INFEASIBLE)
     units = setting.units if each else None
     if units is not None:

@@ -18,7 +18,7 @@ NO_PLANT = (
 
 @dataclass(frozen=True)
 class Summary:
-    """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of claims E and R.
+    """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of the certificate.
 
     `output_gains` are those of the outputs of an output model, in their own units, in place of `gain`.
     `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
@@ -49,12 +49,9 @@ def summarize(verdict: Verdict) -> Summary:
         large = certificate.model.n > LISTED_STATES
         point = None if large else [float(x) for x in certificate.operating_point]
         rate, gain = certificate.rate, certificate.gain
-        outputs = certificate.output_gains if isinstance(certificate, Certificate) else None
-        named = (
-            None
-            if outputs is None
-            else dict(zip(certificate.content["outputs"]["outputs"], outputs.tolist(), strict=True))
-        )
+        named = None
+        if isinstance(certificate, Certificate) and certificate.output_gains is not None:
+            named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
         claim, scope = certificate.claim, certificate.scope
         return Summary(name, claim, scope, point, None, rate, gain, seconds, output_gains=named)
     evidence = asdict(verdict.evidence) if isinstance(verdict, Undecided) and verdict.evidence else None
@@ -127,8 +124,8 @@ def unrated(verdict: Certified) -> str | None:
     certificate = verdict.certificate
     if certificate.rate is not None:
         return None
-    if certificate.claim == "M":
-        return "a state is dropped from the inequality, and a rate needs every state in it (claim E)"
+    if isinstance(certificate, Certificate) and certificate.stated.drops_states:
+        return "a state is dropped from the inequality, and a rate needs every state in it"
     if certificate.model.n > RATED_STATES:
         return f"they are sought for up to {RATED_STATES} states, and the model has {certificate.model.n}"
     outcome = next((one.outcome for one in reversed(verdict.attempts) if one.what == RATED), None)

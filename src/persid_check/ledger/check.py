@@ -6,7 +6,7 @@ from persid_check.ledger.file import MAX_BYTES, read_ledger
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
 from persid_check.model import sha256_of
-from persid_check.results import FormatError, NotProvedError
+from persid_check.results import Accepted, FormatError, NotProvedError
 from persid_check.work import limited
 
 STEPS = 10**5  # that the proofs of a file may take, and more for each byte
@@ -15,8 +15,8 @@ MOST_STEPS = 4 * 10**6
 ENTRIES = 10**6  # of a matrix, and more for each byte
 
 
-def check_ledger(data: Any, size: int, sha256: str | None) -> tuple[str, str, tuple[str, ...]]:
-    """Return the claim, the statement and the steps of a file of `size` bytes, or raise.
+def check_ledger(data: Any, size: int, sha256: str | None) -> Accepted:
+    """Return what is proved by a file of `size` bytes, or raise.
 
     Raises:
         FormatError, NotProvedError: it is malformed, or not proved, or not about the model of the hash given.
@@ -33,4 +33,6 @@ def check_ledger(data: Any, size: int, sha256: str | None) -> tuple[str, str, tu
         raise NotProvedError("model", "its matrices are too large for a file of this length")
     with limited(min(STEPS + STEPS_OF_A_BYTE * size, MOST_STEPS)):
         proved = prove(ledger)
-    return ledger.claim, statement(ledger, proved), steps(ledger, proved)
+    further = {"incremental": proved.incremental, "everywhere": proved.everywhere}
+    names = tuple(name for name, holds in further.items() if holds)
+    return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), names)

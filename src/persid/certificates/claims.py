@@ -1,0 +1,190 @@
+"""What a certificate of stability says, whichever format its file has: V, its rate, its region and its outputs.
+
+    V(x) = dx'P dx + 2 sum of integrals of the densities, one for each row of the states,     dx = x - x*.
+
+The region is {x : lo <= r'dx <= hi for every strip, V(x) <= level}. Specification: docs/ledger.md, and for version 1
+docs/certificate-format.md.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from persid_check.format import WORDS
+from persid_check.ledger.file import FORMAT as LEDGER
+from persid_check.model import Model, groups_of, model_of
+
+Row = Mapping[int, Fraction]
+_ZERO = Fraction(0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The functions f_c(alpha y) of y = r'dx, and the forms over (y, f_1, …) that the proof uses; mu > 0 in V."""
+
+    row: Row
+    members: tuple[tuple[int, Fraction], ...]
+    forms: tuple[tuple[Fraction, ...], ...]
+    mu: tuple[Fraction, ...]
+
+    @property
+    def density(self) -> list[Fraction]:
+        """The form whose integral, doubled, is this part's share of V."""
+        total = [_ZERO] * (1 + len(self.members))
+        for weight, form in zip(self.mu, self.forms, strict=True):
+            total = [t + weight * c for t, c in zip(total, form, strict=True)]
+        return total
+
+
+@dataclass(frozen=True)
+class Seen:
+    """An output y_i = h(C_i x + …): (C_i dx)^2 <= constant V, h has the Lipschitz constant; `direct` is its row D_i."""
+
+    name: str
+    constant: Fraction
+    lipschitz: Fraction
+    direct: tuple[Fraction, ...]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The claim of a file in exact numbers; `x`, `radius` and `u` are None without a stated operating point."""
+
+    kind: str
+    model: Model
+    x: tuple[Fraction, ...] | None
+    radius: Fraction
+    u: tuple[Fraction, ...] | None
+    diagonal: bool
+    P: tuple[tuple[Fraction, ...], ...]
+    parts: tuple[Part, ...]
+    gamma: Fraction | tuple[tuple[Fraction, ...], ...]
+    kappa: Fraction
+    p: Fraction
+    dropped: tuple[int, ...]
+    strips: tuple[tuple[Row, Fraction, Fraction], ...]
+    level: Fraction
+    input_bound: Fraction
+    outputs: tuple[Seen, ...]
+
+    @property
+    def has_rate(self) -> bool:
+        """Whether a rate and a gain are claimed."""
+        return self.kind != "iss"
+
+    @property
+    def centre(self) -> tuple[Fraction, ...]:
+        """The middle of the ball in which x* lies."""
+        return tuple(self.model.x_ref) if self.x is None else self.x
+
+    @property
+    def drops_states(self) -> bool:
+        """Whether a state stands in V through functions alone."""
+        return any(i < self.model.n for i in self.dropped)
+
+
+def claim_of(content: Mapping[str, Any]) -> Claim:
+    """Return what the object of a certificate claims, of either format."""
+    model, ledger = model_of(content["model"]), content["format"] == LEDGER
+    point, rows = content["operating_point"], content["P"]
+    x, radius, u = (None, _ZERO, None) if point is None else _ball(point)
+    kind = content["claim"] if ledger else WORDS[content["claim"]]
+    strips = _strips(content) if ledger else _box(content, x or tuple(model.x_ref), radius)
+    return Claim(
+        kind,
+        model,
+        x,
+        radius,
+        u,
+        "diagonal" in rows,
+        tuple((exact(v),) for v in rows["diagonal"]) if "diagonal" in rows else _lower(rows["lower"]),
+        tuple(_points(content) if ledger else _groups(content, model)),
+        _lower(content["gamma"]["lower"]) if isinstance(content["gamma"], dict) else exact(content["gamma"]),
+        exact(content.get("kappa", (0, 0))),
+        exact(content.get("p", (0, 0))),
+        tuple(content["dropped"]),
+        tuple(strips),
+        exact(content.get("level", (0, 0))),
+        exact(content.get("input_bound", (0, 0))),
+        tuple(_rows_seen(content) if ledger else _seen(content)),
+    )
+
+
+def exact(pair: Sequence[int]) -> Fraction:
+    """Return a dyadic [mantissa, exponent] as a fraction."""
+    return Fraction(pair[0]) * Fraction(2) ** pair[1]
+
+
+def _ball(point: Mapping[str, Any]) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:
+    return _exact(point["x"]), exact(point["radius"]), _exact(point["u"])
+
+
+def _exact(pairs: Sequence[Sequence[int]]) -> tuple[Fraction, ...]:
+    return tuple(exact(pair) for pair in pairs)
+
+
+def _lower(rows: Sequence[Any]) -> tuple[tuple[Fraction, ...], ...]:
+    return tuple(_exact(row) for row in rows)
+
+
+def _row(pairs: Sequence[Any]) -> Row:
+    return {i: exact(pair) for i, pair in pairs}
+
+
+def _groups(content: Mapping[str, Any], model: Model) -> Iterator[Part]:
+    """Parts of version 1: every form of a group is used."""
+    for group, stored in zip(groups_of(model), content["groups"], strict=True):
+        yield Part(group.row, tuple(group.members), tuple(map(_exact, stored["forms"])), _exact(stored["mu"]))
+
+
+def _points(content: Mapping[str, Any]) -> Iterator[Part]:
+    """Parts of the ledger: of each point the forms of its curve that a density or a fact uses."""
+    used: list[dict[int, Fraction]] = [{} for _ in content["points"]]
+    for p, point in enumerate(content["points"]):
+        for k, mu in point["densities"]:
+            used[p][k] = used[p].get(k, _ZERO) + exact(mu)
+    facts = content["facts"]
+    pairs = [(p, k) for p, *ks, _ in facts["value"] for k in ks]
+    pairs += [pair for p, k, q, j, _ in facts["one_signed"] for pair in ((p, k), (q, j))]
+    pairs += [(point, form) for p, q, _, k, j, _ in facts["difference"] for point in (p, q) for form in (k, j)]
+    for p, k in pairs:
+        used[p].setdefault(k, _ZERO)
+    for point, mine in zip(content["points"], used, strict=True):
+        curve = content["curves"][point["curve"]]
+        members = zip(point["channels"], (exact(alpha) for _, alpha in curve["functions"]), strict=True)
+        forms = tuple(_exact(curve["forms"][k]["l"]) for k in sorted(mine))
+        yield Part(_row(point["row"]), tuple(members), forms, tuple(mine[k] for k in sorted(mine)))
+
+
+def _strips(content: Mapping[str, Any]) -> Iterator[tuple[Row, Fraction, Fraction]]:
+    for point in content["points"]:
+        domain = content["curves"][point["curve"]]["domain"]
+        if domain is not None:
+            yield _row(point["row"]), exact(domain[0]), exact(domain[1])
+    for row, lo, hi in content["strips"]:
+        yield _row(row), exact(lo), exact(hi)
+
+
+def _box(
+    content: Mapping[str, Any], centre: Sequence[Fraction], radius: Fraction
+) -> Iterator[tuple[Row, Fraction, Fraction]]:
+    """The box of version 1 as strips about x*, for every x* in the ball."""
+    for i, (side, x) in enumerate(zip(content.get("box", ()), centre, strict=False)):
+        yield {i: Fraction(1)}, exact(side[0]) - x + radius, exact(side[1]) - x - radius
+
+
+def _seen(content: Mapping[str, Any]) -> Iterator[Seen]:
+    """The outputs of version 1."""
+    block = content.get("outputs")
+    if block is None:
+        return
+    steep = [Fraction(1)] * len(block["outputs"]) if block["lipschitz"] is None else _exact(block["lipschitz"])
+    for name, c, L, row in zip(block["outputs"], block["constants"], steep, block["D"], strict=True):
+        yield Seen(name, exact(c), L, tuple(Fraction(float.fromhex(v)) for v in row))
+
+
+def _rows_seen(content: Mapping[str, Any]) -> Iterator[Seen]:
+    """The outputs of the ledger, which have no names."""
+    for i, output in enumerate(content["outputs"]):
+        yield Seen(f"y{i + 1}", exact(output["bound"]), Fraction(1), _exact(output["direct"]))

@@ -1,0 +1,72 @@
+"""A certificate says the same in both formats of its file."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from checker.named import VALID
+from persid.certificates.certificate import Certificate
+from persid.certificates.encoding import encode
+from persid.certificates.ledger import as_ledger, with_proof
+from persid.errors import PersidError, RejectedError
+from persid_check.format import WORDS
+
+FILES = sorted(path for path in VALID.glob("*.json") if json.loads(path.read_bytes())["claim"] in WORDS)
+
+
+def both(path: Path) -> tuple[Certificate, Certificate]:
+    """Return a certificate of version 1, and the same claim as a ledger."""
+    one = Certificate.accept(path.read_bytes())
+    return one, Certificate.accept(encode(as_ledger(one.content)))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_the_same_numbers(path: Path) -> None:
+    """Claim, point, P, V, rate, gains, level and input bound are equal, to the last bit."""
+    one, two = both(path)
+    assert (one.claim, one.scope, one.rate, one.gain) == (two.claim, two.scope, two.rate, two.gain)
+    assert (one.level, one.input_bound, one.counts_b) == (two.level, two.input_bound, two.counts_b)
+    assert np.array_equal(one.operating_point, two.operating_point)
+    assert np.array_equal(one.input, two.input)
+    assert np.array_equal(one.P, two.P)
+    x = one.operating_point + np.random.default_rng(0).normal(size=(5, one.model.n))
+    assert np.allclose(one.V(x), two.V(x), rtol=1e-12)
+    if one.gains is not None and two.gains is not None:
+        assert np.array_equal(one.gains, two.gains)
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.stem[0] in "er"], ids=lambda path: path.stem)
+def test_the_same_bound(path: Path) -> None:
+    """From a start near the operating point the bound over time is the same."""
+    one, two = both(path)
+    x0, size = one.operating_point + 0.01, 0.1 * (one.input_bound or 1.0)
+    assert np.allclose(one.bound(x0, size, [0.0, 1.0]), two.bound(x0, size, [0.0, 1.0]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.stem[0] == "r"], ids=lambda path: path.stem)
+def test_a_region_refuses_the_same_starts(path: Path) -> None:
+    """A start far outside the region has no bound, in either format."""
+    for certificate in both(path):
+        with pytest.raises(PersidError, match="region"):
+            certificate.bound(certificate.operating_point + 100.0, 0.0, [0.0])
+
+
+def test_any_two_solutions() -> None:
+    """The ledger shows by itself what version 1 states: the bounds hold between any two solutions."""
+    path = VALID / "e_gains.json"
+    content = json.loads(path.read_bytes()) | {"incremental": True}
+    one = Certificate.accept(encode(content))
+    assert one.is_incremental
+    assert Certificate.accept(encode(as_ledger(content))).is_incremental
+    assert not Certificate.accept(path.read_bytes()).is_incremental
+
+
+def test_plants_are_not_read_as_models() -> None:
+    """A certificate of plants with deviations is refused: its bound has terms that the numbers here leave out."""
+    content = as_ledger(json.loads((VALID / "e_gains.json").read_bytes()))
+    deviation = {"columns": [[[0, [1, -60]]]], "C": [], "s": [1, 0], "epsilon": [0, 0]}
+    spread = encode(with_proof(content | {"deviations": [deviation]}))
+    with pytest.raises(RejectedError, match="deviations"):
+        Certificate.accept(spread)
