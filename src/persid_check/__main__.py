@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _answer(options: argparse.Namespace) -> int:
     result = check(options.file, options.model, options.explain)
     if isinstance(result, Accepted):
-        print(f"accepted, {result.claim}: {result.statement}", *result.steps, sep="\n")
+        print(f"accepted, claim {result.claim}: {result.statement}", *result.steps, sep="\n")
     else:
         verdict = "rejected" if isinstance(result, Rejected) else "malformed"
         print(f"{verdict}: {result.where}: {result.why}")

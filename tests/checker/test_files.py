@@ -139,7 +139,7 @@ def test_exit_codes_alone_and_optimized(tmp_path: Path, options: tuple[str, ...]
     malformed.write_bytes(outcomes["float_mantissa"].content())
     accepted = _run([str(named.VALID / "g_mixed_pair.json"), "--explain"], *options)
     assert (accepted.returncode, accepted.stderr) == (0, "")
-    assert "accepted, iss" in accepted.stdout
+    assert "accepted, claim iss" in accepted.stdout
     assert _run([str(rejected)], *options).returncode == 5
     assert _run([str(malformed)], *options).returncode == 2
     assert _run([str(tmp_path / "absent.json")], *options).returncode == 2
@@ -167,7 +167,7 @@ def test_the_program_alone_needs_the_file_and_flint(tmp_path: Path) -> None:
     program = [sys.executable, "-S", "-m", "persid_check", str(named.VALID / "e_mixed_pair.json")]
     done = subprocess.run(program, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "accepted, rate-and-gain" in done.stdout
+    assert "accepted, claim rate-and-gain" in done.stdout
 
 
 @pytest.mark.parametrize(

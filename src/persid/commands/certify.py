@@ -142,7 +142,7 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
     answer = persid_check.check(certificate, model, explain)
     name = type(answer).__name__.lower()
     if isinstance(answer, persid_check.Accepted):
-        rows = [("verdict", f"{name}: {answer.claim}"), ("statement", answer.statement)]
+        rows = [("verdict", f"{name}, claim {answer.claim}"), ("statement", answer.statement)]
         rows += [("steps", "\n".join(answer.steps))] if answer.steps else []
         content: dict[str, Any] = {"claim": answer.claim, "statement": answer.statement, "steps": list(answer.steps)}
     else:
