@@ -18,7 +18,8 @@ from persid.certified_fits.identifier import CertifiedIdentifier
 from persid.identification.free_runs import Score, free_run_score
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.measurements.readers import read_csv
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 from persid_check import Accepted, check
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from persid.measurements.readers import read_parquet as read_parquet
     from persid.measurements.recordings import Recordings as Recordings
     from persid.measurements.trajectories import Trajectories as Trajectories
-    from persid.measurements.trajectories import Trajectory as Trajectory
+    from persid.measurements.trajectory import Trajectory as Trajectory
     from persid.models.equations import equations as equations
     from persid.models.exports.pysindy import from_pysindy as from_pysindy
     from persid.models.files import load_model as load_model
@@ -75,7 +75,8 @@ _HOMES = {
     "persid.measurements.recordings": ("Recordings",),
     "persid.measurements.opening": ("open_recordings",),
     "persid.models.exports.pysindy": ("from_pysindy",),
-    "persid.measurements.trajectories": ("Trajectories", "Trajectory"),
+    "persid.measurements.trajectories": ("Trajectories",),
+    "persid.measurements.trajectory": ("Trajectory",),
     "persid.certificates.witness": ("Witness",),
     "persid_check": ("Accepted", "Malformed", "Rejected"),
 }

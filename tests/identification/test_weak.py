@@ -15,7 +15,8 @@ from persid.identification.gram import accumulate, condition_number, triangle, w
 from persid.identification.structure import make_structure
 from persid.identification.validation import Curve, partition, tail
 from persid.identification.windows import choose_window
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 
 

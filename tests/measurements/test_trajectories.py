@@ -8,7 +8,8 @@ import pytest
 
 from persid.errors import DataError
 from persid.measurements.readers import read_csv, read_parquet
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 ROWS = ["0,1,2,3", "0.1,4,5,6", "0.2,7,8,9", "0.3,1,1,1", "0.4,2,2,2"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import persid
 
 SOURCE = Path(persid.__file__).parents[1]
-OPEN = {"persid", "persid.measurements.frames"}  # names loaded when asked for; tables that make Trajectories, which ask
+OPEN = {"persid"}  # its names are loaded when they are asked for
 MODULES = {
     ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): path
     for path in sorted((SOURCE / "persid").rglob("*.py"))

@@ -15,7 +15,8 @@ from persid.errors import DataError
 from persid.identification.outputs.answer import Answer, answered
 from persid.identification.outputs.selection import Candidate, Question
 from persid.measurements.arrays import as_trajectories, refuse_target
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.outputs import OutputModel
 from persid.models.stable_fit import ACTIVATIONS
 from persid.verdicts.outputs import certify_fit

@@ -20,7 +20,8 @@ from sklearn.utils.validation import check_is_fitted
 from persid.errors import DataError
 from persid.identification.free_runs import REACH, Score, box, free_run_score
 from persid.measurements.arrays import as_trajectories, refuse_target
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 LAGS = 2
 CENTRES = 50

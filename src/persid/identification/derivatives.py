@@ -6,7 +6,8 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.measurements.moments import BLOCK
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 DEGREE = 3
 

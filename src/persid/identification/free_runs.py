@@ -10,7 +10,8 @@ from numpy import ndarray
 
 from persid.identification.basis import Basis
 from persid.measurements.moments import Moments, row_moments
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.steps import runge_kutta
 
 Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u

@@ -18,7 +18,7 @@ from persid.errors import DataError, GeneratorError
 from persid.identification.basis import Basis
 from persid.identification.gram import BLOCK, ILL_CONDITIONED, Rows, Triangle, condition_number, triangle
 from persid.measurements.recordings import Measurements, Part, block_sums, lengths, steps
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 from persid.models.functions import ScalarFunction, scalar_function
 
 Mixed = Callable[[ndarray, ndarray], Any]

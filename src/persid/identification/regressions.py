@@ -23,7 +23,7 @@ from persid.identification.gram import (
 from persid.identification.structure import Structure
 from persid.identification.validation import Curve
 from persid.measurements.recordings import Measurements, Part, block_sums
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 
 RowsOf = Callable[[Trajectory, int], Iterator[Rows]]  # of a segment, and how many of its samples rows begin at
 MOST_THRESHOLDS = 10  # rounds of sequential thresholding

@@ -18,7 +18,8 @@ from persid.identification.free_runs import Simulator, free_run_score, restarted
 from persid.identification.windows import noise_of
 from persid.measurements.moments import Moments
 from persid.measurements.recordings import Measurements, beginnings, moments
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 HORIZONS = (4, 16, 64, 256, 1024)  # samples: lengths of the free runs that start again along a record
 SHARE = 0.2  # of every run is held out

@@ -7,7 +7,8 @@ import numpy as np
 from sklearn.utils.validation import check_array
 
 from persid.errors import DataError
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 
 def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Trajectories:
@@ -28,7 +29,7 @@ def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None
     if frames and all(hasattr(frame, "columns") or hasattr(frame, "iloc") for frame in frames):
         from persid.measurements.frames import beside
 
-        return beside(list(frames), u, t, dt)
+        return Trajectories.of(beside(list(frames), u, t, dt))
     if not (isinstance(X, list | tuple) and X and np.ndim(X[0]) == 2):
         X = check_array(X, dtype=np.float64, ensure_min_samples=2, input_name="X")
     if t is None and dt is None:

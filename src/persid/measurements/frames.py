@@ -9,22 +9,22 @@ import pandas as pd
 
 from persid._libraries import library
 from persid.errors import DataError
-from persid.measurements.runs import trajectories
+from persid.measurements.runs import runs_of_tables
 from persid.measurements.tables import Columns, Table
 from persid.measurements.times import holds_dates, is_clock
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectory import Runs, Trajectory
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 
-def trajectories_of_frames(
+def runs_of_frames(
     frame: pd.DataFrame | Sequence[pd.DataFrame],
     states: Sequence[str] | None,
     inputs: Sequence[str],
     **reading: Any,
-) -> Trajectories:
-    """Return the trajectories of DataFrames; see `Trajectories.from_dataframe`."""
+) -> Runs:
+    """Return the runs of DataFrames; see `Trajectories.from_dataframe`."""
     frames = [frame] if isinstance(frame, pd.DataFrame) else list(frame)
     if not frames or not all(isinstance(item, pd.DataFrame) for item in frames):
         raise DataError("a DataFrame, or a list of them, is needed")
@@ -41,12 +41,12 @@ def trajectories_of_frames(
             for name in clocks if name in frames[0].columns
         )  # fmt: skip
     asked = {"time": None, "dt": None, "gap": None, "missing": "error"} | reading
-    data = trajectories(iter(tables), Columns(tuple(states), tuple(inputs), **asked))
+    data = runs_of_tables(iter(tables), Columns(tuple(states), tuple(inputs), **asked))
     return replace(data, notes=(*data.notes, *notes))
 
 
-def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Trajectories:
-    """Return the trajectories of frames of states, with inputs u (frames or arrays) and times t or a step dt in s.
+def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Runs:
+    """Return the runs of frames of states, with inputs u (frames or arrays) and times t or a step dt in s.
 
     Inputs with an index of their own are put beside the states by it. A column or an index named t or time is the time.
 
@@ -73,7 +73,7 @@ def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Tra
             frame = frame.drop(columns=[c for c in frame.columns if is_clock(c)])
             frame = frame.set_axis(pd.Index(clock, name="t"), axis=0)
         joined.append(frame)
-    data = trajectories_of_frames(joined, None, inputs, dt=dt)
+    data = runs_of_frames(joined, None, inputs, dt=dt)
     return replace(data, notes=(*data.notes, *dict.fromkeys(notes)))
 
 
@@ -134,9 +134,9 @@ def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     return Table(name, flat, lambda k: f"row {index[k]}")
 
 
-def to_dataframe(data: Trajectories) -> pd.DataFrame:
+def to_dataframe(runs: Sequence[Trajectory], names: list[str]) -> pd.DataFrame:
     """Return one table with the index (run, t); see `Trajectories.to_dataframe`."""
-    frames = [_frame(run, [*data.states, *data.inputs]) for run in data]
+    frames = [_frame(run, names) for run in runs]
     return pd.concat(frames, keys=range(len(frames)), names=["run", "t"])
 
 
@@ -144,18 +144,18 @@ def _frame(run: Trajectory, names: list[str]) -> pd.DataFrame:
     return pd.DataFrame(np.hstack([run.x, run.u]), index=pd.Index(run.t, name="t"), columns=names)
 
 
-def to_xarray(data: Trajectories) -> "Dataset":
+def to_xarray(runs: Sequence[Trajectory], names: list[str]) -> "Dataset":
     """Return a Dataset over (run, t); see `Trajectories.to_xarray`."""
     library("xarray", "interop")
-    dataset = to_dataframe(data).to_xarray()
+    dataset = to_dataframe(runs, names).to_xarray()
     dataset["t"].attrs["units"] = "s"
     return dataset
 
 
 def from_xarray(
     dataset: Any, states: Sequence[str] | None, inputs: Sequence[str], time: str | None, run: str | None
-) -> Trajectories:
-    """Return the trajectories of a Dataset; see `Trajectories.from_xarray`."""
+) -> Runs:
+    """Return the runs of a Dataset; see `Trajectories.from_xarray`."""
     xarray = library("xarray", "interop")
     if not isinstance(dataset, xarray.Dataset):
         raise DataError("an xarray.Dataset is needed; a DataArray becomes one by .to_dataset(dim=...)")
@@ -172,7 +172,7 @@ def from_xarray(
         frames.append(frame.dropna(how="all") if len(table.dims) > 1 else frame)
         if len(frames[-1]) < len(frame):
             notes.append(f"table {k + 1}: {len(frame) - len(frames[-1])} times without any number were left out")
-    data = trajectories_of_frames(frames, states, inputs, time=time)
+    data = runs_of_frames(frames, states, inputs, time=time)
     return replace(data, notes=(*data.notes, *notes))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 
 BLOCK = 4096  # rows; a block of some 50 columns stays in the processor's cache
 

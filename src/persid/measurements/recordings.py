@@ -17,7 +17,8 @@ from persid.measurements.chunks import HEAD, Lazy, read_rows
 from persid.measurements.engines import Engine, summed
 from persid.measurements.moments import Moments, Steps, run_moments, run_steps
 from persid.measurements.tables import Columns
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

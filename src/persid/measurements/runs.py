@@ -9,14 +9,14 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.measurements.tables import Columns, Rows, Table, rows_of
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectory import Runs, Trajectory
 
 GAP = 10.0  # a step longer than this many median steps is a gap, not an irregular sample
 SHORTEST = 4  # samples of a run, on average, where a clock that goes back is a restart and not disorder
 MOST_NOTES = 20  # cuts that are named one by one
 
 
-def trajectories(tables: Iterable[Table], columns: Columns) -> Trajectories:
+def runs_of_tables(tables: Iterable[Table], columns: Columns) -> Runs:
     """Return all runs of some tables, with the notes on what was repaired.
 
     Raises:
@@ -26,7 +26,7 @@ def trajectories(tables: Iterable[Table], columns: Columns) -> Trajectories:
     notes: list[str] = []
     for table in tables:
         runs += _runs(table, columns, notes)
-    return Trajectories(tuple(runs), columns.states, columns.inputs, shortened(notes))
+    return Runs(tuple(runs), columns.states, columns.inputs, shortened(notes))
 
 
 def shortened(notes: list[str]) -> tuple[str, ...]:

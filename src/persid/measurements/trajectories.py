@@ -10,42 +10,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.measurements.trajectory import Runs, Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """One run: times in s, states and inputs, row k of each belonging to time t[k].
-
-    Under a zero-order hold u[k] acts from t[k] to t[k+1]; the last one is unused. `diverged_at` is the time in s at
-    which a simulated run left the range of representable states, None when it did not; `stopped_at` the time at which
-    its budget of computation was used up with the state still bounded (a model that is too fast or too stiff).
-
-    Examples:
-        >>> run = ps.Trajectory(np.array([0.0, 0.1]), np.array([[1.0], [0.9]]), np.zeros((2, 1)))
-        >>> run.x.shape, run.diverged_at
-        ((2, 1), None)
-    """
-
-    t: Float[ndarray, " N"]
-    x: Float[ndarray, "N n"]
-    u: Float[ndarray, "N m"]
-    diverged_at: float | None = None
-    stopped_at: float | None = None
-
-    def __repr__(self) -> str:
-        sizes = f"{len(self)} samples, {self.x.shape[1]} states, {self.u.shape[1]} inputs"
-        return f"Trajectory({sizes}, t = {self.t[0]:g} ... {self.t[-1]:g} s)" if len(self) else f"Trajectory({sizes})"
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, rows: slice) -> "Trajectory":
-        """Return the consecutive samples of a slice as a run of their own."""
-        return Trajectory(self.t[rows], self.x[rows], self.u[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +55,11 @@ class Trajectories(Sequence[Trajectory]):
             raise DataError("no trajectory was given; at least one run of two samples is needed")
         if {(run.x.shape[1], run.u.shape[1]) for run in self.runs} != {(len(self.states), len(self.inputs))}:
             raise DataError(f"every run needs {len(self.states)} states and {len(self.inputs)} inputs, as named")
+
+    @classmethod
+    def of(cls, found: Runs) -> "Trajectories":
+        """Return the trajectories of runs that were read from tables."""
+        return cls(found.runs, found.states, found.inputs, found.notes)
 
     @property
     def samples(self) -> int:
@@ -169,15 +143,15 @@ class Trajectories(Sequence[Trajectory]):
         Raises:
             DataError: as for `persid.read_csv`, naming row and column.
         """
-        from persid.measurements.frames import trajectories_of_frames
+        from persid.measurements.frames import runs_of_frames
 
-        return trajectories_of_frames(frame, states, inputs, **reading)
+        return cls.of(runs_of_frames(frame, states, inputs, **reading))
 
     def to_dataframe(self) -> "DataFrame":
         """Return one table of states and inputs with the index (run, t), t in s; `from_dataframe` reads it back."""
         from persid.measurements.frames import to_dataframe
 
-        return to_dataframe(self)
+        return to_dataframe(self.runs, [*self.states, *self.inputs])
 
     @classmethod
     def from_xarray(
@@ -201,7 +175,7 @@ class Trajectories(Sequence[Trajectory]):
         """
         from persid.measurements.frames import from_xarray
 
-        return from_xarray(dataset, states, inputs, time, run)
+        return cls.of(from_xarray(dataset, states, inputs, time, run))
 
     def to_xarray(self) -> "Dataset":
         """Return an xarray.Dataset over (run, t), t in s; where the runs have different times, the rest is NaN.
@@ -211,7 +185,7 @@ class Trajectories(Sequence[Trajectory]):
         """
         from persid.measurements.frames import to_xarray
 
-        return to_xarray(self)
+        return to_xarray(self.runs, [*self.states, *self.inputs])
 
 
 def _seconds(ts: Sequence[Any]) -> tuple[list[Any], tuple[str, ...]]:

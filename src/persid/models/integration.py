@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.integrate import LSODA, RK45
 
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 from persid.models.vector_field import VectorField
 
 STATE_CAP = 1e6  # a state beyond this many times the size of its start has diverged

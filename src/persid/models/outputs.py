@@ -17,7 +17,8 @@ from numpy import ndarray
 
 from persid._files import write_atomically
 from persid.errors import ModelError
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.arguments import distinct_names, finite_array, unknown_fields
 from persid.models.functions import ScalarFunction, scalar_function, shifted
 from persid.models.model import Input, PersidskiiModel

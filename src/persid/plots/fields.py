@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
 from persid.plots.style import FIELD, FORM, MEASURED, MODEL, short, thin_path, tidy

@@ -11,7 +11,8 @@ from numpy import ndarray
 
 from persid.identification.diagnostics import Spectrum
 from persid.identification.validation import Curve
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, POINTS, limits, short, span, thin, tidy
 
 MOST_RUNS, MOST_GAPS = 40, 200  # drawn in an overview

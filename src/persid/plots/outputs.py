@@ -5,7 +5,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 from persid.plots.style import DASHES, LEVEL, MEASURED, MODEL, limits, thin, tidy
 
 VIEW = 3.0  # widths of the data beyond which a bound would make the picture small

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
 from persid.certificates.claims import Part
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 from persid.networks.certificate import NetworkCertificate
 from persid.plots.fields import box_of, mesh, phase_portrait
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, thin, tidy

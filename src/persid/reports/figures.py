@@ -17,7 +17,8 @@ from numpy import ndarray
 from persid import plots
 from persid.identification.diagnostics import FitReport
 from persid.identification.free_runs import one_step, score
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
 from persid.verdicts.verdict import Verdict

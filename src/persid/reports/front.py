@@ -10,7 +10,8 @@ from persid import plots
 from persid.errors import PersidError
 from persid.identification.free_runs import input_signal
 from persid.identification.scores import Scores
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 from persid.plots.proofs import Proof
 from persid.reports.comparison import cautions

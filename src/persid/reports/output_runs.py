@@ -8,7 +8,8 @@ from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
 from persid.errors import PersidError
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.outputs import OutputModel
 from persid.verdicts.verdict import Certified, Verdict
 

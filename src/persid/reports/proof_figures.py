@@ -10,7 +10,7 @@ from persid import plots
 from persid._dyadics import value
 from persid.certificates.certificate import Certificate
 from persid.errors import PersidError
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate
 from persid.reports.figures import Drawing, FreeRun, legend, number, side_by_side

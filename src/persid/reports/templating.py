@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy import ndarray
 
 from persid._text import above, below
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 
 
 def environment() -> Environment:

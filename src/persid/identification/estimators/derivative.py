@@ -14,7 +14,8 @@ from persid.identification.gram import BLOCK, Rows
 from persid.identification.regressions import Estimator, Options, Regression
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, Part
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 
 def slope_regression(data: Measurements, basis: Basis, parts: Sequence[Part], options: Options) -> Regression:

@@ -21,7 +21,8 @@ from persid.identification.koopman import (
 )
 from persid.identification.regressions import Estimator, Options, Regression
 from persid.measurements.recordings import Measurements, Part, segments
-from persid.measurements.trajectories import Trajectories, Trajectory
+from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 
 
 def koopman_regression(data: Measurements, basis: Basis, parts: Sequence[Part], options: Options) -> Regression:

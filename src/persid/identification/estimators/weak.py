@@ -15,7 +15,7 @@ from persid.identification.gram import BLOCK, Rows
 from persid.identification.regressions import Estimator, Options, Regression
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, Part, lengths
-from persid.measurements.trajectories import Trajectory
+from persid.measurements.trajectory import Trajectory
 
 EQUAL = 1e-9  # relative spread of steps that counts as none
 FEW_TERMS = 4  # up to so many are added one by one, more by differences of running sums

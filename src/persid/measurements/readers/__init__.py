@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from persid.measurements.readers.sources import Source, beginning, files_of, unpacked
-from persid.measurements.runs import trajectories
+from persid.measurements.runs import runs_of_tables
 from persid.measurements.tables import Columns, Table
 from persid.measurements.trajectories import Trajectories
 
@@ -66,7 +66,7 @@ def read_measurements(
         ([0.0, 0.02], [1.5, 1.25])
     """
     columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run)
-    return trajectories((table_of(source, columns) for source in files_of(paths)), columns)
+    return Trajectories.of(runs_of_tables((table_of(source, columns) for source in files_of(paths)), columns))
 
 
 def read_csv(paths: Any, **options: Any) -> Trajectories:
