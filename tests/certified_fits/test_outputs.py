@@ -55,11 +55,14 @@ def test_a_system_without_inputs_is_certified():
 @pytest.mark.parametrize(
     ("y", "options", "message"),
     [
-        (np.ones((100, 1)), {}, "output 1 is constant"),
+        (np.ones((100, 1)), {}, "output y1 is constant"),
         (np.arange(12.0)[:, None] % 5, {"order": 4}, "cannot tell"),
         (np.arange(60.0)[:, None] % 7, {"order": 2, "neurons": 30}, "cannot tell"),
         (np.arange(60.0)[:, None] % 7, {"order": 0}, "order is 0"),
         (np.arange(60.0)[:, None] % 7, {"activation": "relu"}, "activation is 'relu'"),
+        (np.arange(60.0)[:, None] % 7, {"output": "square"}, "output is 'square'"),
+        (np.arange(60.0)[:, None] % 7, {"min_rate": 0}, "min_rate=0 is not positive"),
+        (np.arange(60.0)[:, None] % 7, {"max_output_gain": [1, 2]}, "one for each of the outputs"),
     ],
 )
 def test_data_and_options_that_cannot_be_used_are_named(y, options, message):
@@ -96,3 +99,78 @@ def test_an_interrupt_keeps_the_best_so_far():
     fit = OutputIdentifier(order=1, neurons=2, seeds=1, time_limit=0).fit(data, progress=interrupt)
     assert fit.report_.interrupted
     assert fit.verdict_.is_certified
+
+
+def test_an_unstable_plant_is_named_and_refuted():
+    """Records of an unstable plant give the unstable model, which is refuted, and say why there is no certificate."""
+    data = runs(ps.PersidskiiModel([[0.2]], [], [[1.0]]), [[1.0]], 0.1, 150, 1, x0=[0.1])
+    fit = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=2).fit(data)
+    assert isinstance(fit.verdict_, ps.Refuted)
+    assert fit.fit_.A[0, 0] == pytest.approx(0.2, rel=1e-3)
+    assert "is unstable" in fit.report_.remarks[0]
+
+
+def test_an_integrating_output_is_named():
+    """The position of a motor driven open loop is named as integrating: a certificate speaks of the leak alone."""
+    motor = ps.PersidskiiModel([[0.0, 1.0], [0.0, -1.0]], [], [[0.0], [1.0]])
+    fit = OutputIdentifier(order=2, neurons=0, feedthrough=False, time_limit=0).fit(
+        runs(motor, [[1.0, 0.0], [0.0, 1.0]], 0.1, 200, 1)
+    )
+    (said,) = fit.report_.remarks
+    assert said.startswith("y1 integrates: ")
+    assert "not input-to-state stable" in said
+
+
+def test_a_rate_and_a_gain_are_certified_together():
+    """A rate above the plant's own and a gain below the free fit's are both certified, at a price in accuracy."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [], [[1.0]]), [[1.0]], 0.1, 200, 1)
+    plain = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=0).fit(data)
+    options = {"min_rate": 0.6, "max_output_gain": 0.5 * float(plain.certificate_.output_gains[0])}
+    fit = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=0, **options).fit(data)
+    assert fit.certificate_.rate >= 0.6
+    assert fit.certificate_.output_gains[0] <= options["max_output_gain"]
+    assert not fit.report_.remarks
+    assert fit.report_.error > plain.report_.error
+    assert fit.score(data) > 0.5
+
+
+def test_an_interrupt_of_the_linear_start_keeps_it():
+    """Ctrl-C before there are candidates delivers the best linear model so far, certified."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]), [[1.0]], 0.1, 200, 1)
+    lines: list[str] = []
+
+    def interrupt(line: str) -> None:
+        lines.append(line)
+        raise KeyboardInterrupt
+
+    fit = OutputIdentifier(seeds=1, time_limit=0).fit(data, progress=interrupt)
+    assert lines[0].startswith("linear models")
+    assert fit.report_.interrupted
+    assert fit.report_.chosen.neurons == 0
+    assert fit.verdict_.is_certified
+
+
+def test_an_interrupt_of_the_final_fit_keeps_it():
+    """Ctrl-C while the chosen candidate is fitted to all data delivers it as good as it has become."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]), [[1.0]], 0.1, 200, 1)
+
+    def interrupt(line: str) -> None:
+        if line.startswith("all data"):
+            raise KeyboardInterrupt
+
+    fit = OutputIdentifier(order=1, neurons=1, seeds=1, time_limit=0).fit(data, progress=interrupt)
+    assert fit.report_.interrupted
+    assert fit.report_.chosen.neurons == 1
+    assert fit.verdict_.is_certified
+    assert fit.score(data) > 0.99
+
+
+@pytest.mark.parametrize(("activation", "hold"), [("arctan", "foh"), ("softsign", "zoh")])
+def test_other_activations_and_holds_are_certified(activation, hold):
+    """Every activation and hold is fitted, proved by the fit's own multipliers, and foretells the record."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]), [[1.0]], 0.1, 200, 1)
+    options = {"activation": activation, "hold": hold, "feedthrough": hold == "foh"}
+    fit = OutputIdentifier(order=1, neurons=1, seeds=1, time_limit=0, **options).fit(data)
+    assert [attempt.outcome for attempt in fit.verdict_.attempts] == ["certified, claim E"]
+    assert fit.model_.hold == hold
+    assert fit.score(data) > 0.99

@@ -112,7 +112,7 @@ def test_run_goes_from_outputs_to_a_certificate(
     told = json.loads(capsys.readouterr().out)
     assert told["verdict"] == "certified"
     assert set(told["output_gains"]) == {"y"}
-    assert told["held_out"]["unseen_r2"] > 0.95
+    assert told["held_out"]["unseen"]["y"]["r2"] > 0.95
     assert isinstance(ps.load_model("out/model.json"), ps.OutputModel)
     assert main(["check", "out/certificate.json", "--model", "out/model.json"]) == 0
     page = Path("out/report.html").read_text()
@@ -128,9 +128,12 @@ def test_run_goes_from_outputs_to_a_certificate(
         (["--states", "y", "--order", "3"], "--order goes with --outputs"),
         (["--outputs", "y", "--order", "many"], "neither"),
         (["--outputs", "q", "--inputs", "u"], "q"),
-        (["--outputs", "still", "--inputs", "u"], "constant"),
+        (["--outputs", "still", "--inputs", "u"], "output still is constant"),
+        (["--outputs", "y", "--inputs", "u", "--max-output-gain", "1,2"], "--max-output-gain is [1.0, 2.0]"),
+        (["--states", "y", "--max-output-gain", "1"], "--max-output-gain goes with --outputs"),
+        (["--outputs", "y", "--inputs", "u", "--order", "9"], "smaller order"),
         (["--outputs", "y", "--inputs", "u", "--neurons", "60"], "fewer neurons"),
-        (["--outputs", "y", "--inputs", "u", "--min-rate", "-1"], "min_rate is -1"),
+        (["--outputs", "y", "--inputs", "u", "--min-rate", "-1"], "--min-rate -1 is not positive"),
     ],
 )
 def test_bad_input_of_a_run_is_named(
@@ -145,3 +148,18 @@ def test_bad_input_of_a_run_is_named(
     assert main(["run", "d.csv", *words, "-o", "out"]) == 2
     assert message in capsys.readouterr().err
     assert not Path("out").exists()
+
+
+def test_an_output_model_is_scored_on_other_files(found: ps.OutputModel, capsys: pytest.CaptureFixture[str]) -> None:
+    """persid score runs an output model freely over files, from their first samples, and says how it follows each."""
+    u = np.cos(2 * T)[:, None]
+    y = found.simulate(T, u, x0=[-1.0, 0.5])[0].x
+    y[:, 1] += 0.1 * np.random.default_rng(0).normal(size=len(T))
+    np.savetxt("other.csv", np.column_stack([T, u, y]), delimiter=",", header="t,u1,y1,y2", comments="")
+    assert main(["score", "model.json", "other.csv", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["scores"]["outputs"]
+    assert told["y1"]["rmse"] < 0.2 * told["y2"]["rmse"]
+    assert main(["score", "model.json", "other.csv"]) == 0
+    assert "y2         R2 " in capsys.readouterr().out
+    assert main(["score", "model.json", "y.csv"]) == 2
+    assert "u1" in capsys.readouterr().err

@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from persid._threads import few_threads
+from persid.certified_fits.output_demands import Demand
 from persid.errors import DataError
 from persid.identification.outputs.answer import Answer, answered
 from persid.identification.outputs.selection import Candidate, Question
@@ -20,6 +21,7 @@ from persid.measurements.trajectory import Trajectory
 from persid.models.outputs import OutputModel
 from persid.models.stable_fit import ACTIVATIONS
 from persid.verdicts.outputs import certify_fit
+from persid.verdicts.verdict import Verdict
 
 EVEN = 1e-2  # of the step, by which sampling times may vary
 TOLD = 10  # steps between two lines of progress
@@ -60,9 +62,11 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     order: number of states, or "auto".  neurons: number of functions f, or "auto"; 0 is a linear model.
     activation: f, "tanh", "softsign" or "arctan".  feedthrough: whether D is fitted, or "auto".
     hold: "zoh" (inputs are held) or "foh" (straight lines between samples).
-    output_map: h, None or "abs" (a sensor that ignores the sign).
+    output: h, None or "abs" (a sensor that ignores the sign).
     certified: False fits without the condition; the verdict then depends on what `certify` finds.
     min_rate: None, or a rate of decay in 1/s that is certified.
+    max_output_gain: None, or the largest gain of the outputs that is certified, in their unit per unit of the inputs:
+        one number, or one for each output. Where the fit's are larger, a ridge on B, C and D brings them down.
     seeds: random starts for every size.  random_state: the first of them.
     compare: also fit the chosen size without the condition, for `report_.price`.
     time_limit: seconds for the proof, beyond the fit's own.
@@ -87,9 +91,10 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         activation: str = "tanh",
         feedthrough: bool | str = "auto",
         hold: str = "zoh",
-        output_map: str | None = None,
+        output: str | None = None,
         certified: bool = True,
         min_rate: float | int | None = None,
+        max_output_gain: Any = None,
         seeds: int = 3,
         random_state: int = 0,
         compare: bool = False,
@@ -100,9 +105,10 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.activation = activation
         self.feedthrough = feedthrough
         self.hold = hold
-        self.output_map = output_map
+        self.output = output
         self.certified = certified
         self.min_rate = min_rate
+        self.max_output_gain = max_output_gain
         self.seeds = seeds
         self.random_state = random_state
         self.compare = compare
@@ -128,17 +134,17 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         refuse_target(y)
         data = as_trajectories(X, u, t, dt)
         step = _step(data)
-        question = self._question(step)
+        demand = Demand.of(self.min_rate, self.max_output_gain, len(data.states))
+        question = replace(self._question(step), outputs=_output_names(data.states))
         tell = _told(progress)
         records = [(run.u, run.x) for run in data]
         with few_threads(4):
             answer = answered(records, step, question, tell)
-            if answer.remarks and self.certified:
-                answer = replace(
-                    answered(records, step, replace(question, certified=False), tell), remarks=answer.remarks
-                )
-            free = self._free(answer, records, step, question, tell) if self.compare else None
-        self._deliver(answer, data, free)
+            if answer.unstable and self.certified and not answer.interrupted:
+                free = answered(records, step, replace(question, certified=False), tell)
+                answer = replace(free, remarks=(answer.remarks[0], *free.remarks))
+            least = self._free(answer, records, step, question, tell) if self.compare else None
+        self._deliver(answer, data, least, demand)
         return self
 
     def _question(self, step: float) -> Question:
@@ -149,7 +155,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             neurons=None if self.neurons == "auto" else int(self.neurons),
             feedthrough=None if self.feedthrough == "auto" else bool(self.feedthrough),
             activation=self.activation,
-            output_map=self.output_map,
+            output_map=self.output,
             hold=self.hold,
             certified=self.certified,
             kappa=kappa,
@@ -165,23 +171,30 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         )
         return None if answer.interrupted else answered(records, step, same, tell).candidate.held_out
 
-    def _deliver(self, answer: Answer, data: Trajectories, free: float | None) -> None:
-        self.fit_ = replace(answer.fit, inputs=data.inputs, outputs=_output_names(data.states))
+    def _deliver(self, answer: Answer, data: Trajectories, free: float | None, demand: Demand) -> None:
+        """Certify the answer; where its gains are too large, damp it first."""
         self.n_features_in_, self.n_inputs_in_ = len(data.states), len(data.inputs)
+        verdict = self._verdict(answer, data, demand, float(self.time_limit))
+        if demand.excess(verdict) > 1 and answer.fit.M is not None and not answer.interrupted:
+            answer = demand.met(answer, lambda tried: self._verdict(tried, data, demand, 0.0))
+            verdict = self._verdict(answer, data, demand, float(self.time_limit))
+        self.verdict_, self.certificate_ = verdict, getattr(verdict, "certificate", None)
         chosen = answer.candidate
-        provenance = {"fitted_under": "certificate" if self.fit_.M is not None else None, "seed": chosen.seed}
-        self.model_ = OutputModel.from_fit(self.fit_, provenance)
-        self.verdict_ = certify_fit(
-            self.fit_, self.model_, time_limit=float(self.time_limit), min_rate=self.min_rate and float(self.min_rate)
-        )
-        self.certificate_ = getattr(self.verdict_, "certificate", None)
         size = (chosen.order, chosen.neurons)
         alike = [one for one in answer.candidates if (one.order, one.neurons) == size]
         seeds = {one.seed: one.held_out for one in reversed(alike)}  # the best of them stands first
+        remarks = (*answer.remarks, *demand.missed(verdict, self.model_.outputs))
         self.report_ = OutputReport(
             answer.candidates, chosen, answer.error, chosen.held_out, answer.linear, free,
-            tuple(sorted(seeds.values())), answer.remarks, answer.interrupted,
+            tuple(sorted(seeds.values())), remarks, answer.interrupted,
         )  # fmt: skip
+
+    def _verdict(self, answer: Answer, data: Trajectories, demand: Demand, time_limit: float) -> Verdict:
+        """Make the answer the fit and the model, and return the verdict on it."""
+        self.fit_ = replace(answer.fit, inputs=data.inputs, outputs=_output_names(data.states))
+        under = "certificate" if self.fit_.M is not None else None
+        self.model_ = OutputModel.from_fit(self.fit_, {"fitted_under": under, "seed": answer.candidate.seed})
+        return certify_fit(self.fit_, self.model_, time_limit=time_limit, min_rate=demand.rate)
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N l"]:
         """Return free runs from states estimated from every run's first samples (all runs one below the other)."""
@@ -244,24 +257,23 @@ def _check_options(given: OutputIdentifier) -> None:
         raise DataError(f"activation is {given.activation!r}; it is one of {', '.join(ACTIVATIONS)}")
     if given.hold not in ("zoh", "foh"):
         raise DataError(f'hold is {given.hold!r}; it is "zoh" or "foh"')
-    if given.output_map not in (None, "abs"):
-        raise DataError(f'output_map is {given.output_map!r}; it is None or "abs"')
+    if given.output not in (None, "abs"):
+        raise DataError(f'output is {given.output!r}; it is None or "abs"')
     if given.feedthrough not in ("auto", True, False):
         raise DataError(f'feedthrough is {given.feedthrough!r}; it is "auto", True or False')
     if given.seeds < 1:
         raise DataError(f"seeds is {given.seeds}; at least one start is needed")
-    if given.min_rate is not None and not given.min_rate > 0:
-        raise DataError(f"min_rate is {given.min_rate}; it is None or a positive rate in 1/s")
 
 
 def _told(progress: Callable[[str], None] | None) -> Callable[[str, float], None]:
-    """Return what tells of every so many steps in a line of text."""
-    count = 0
+    """Return what tells of new stages, and of every so many steps, in a line of text."""
+    count, last = 0, ""
 
     def tell(stage: str, error: float) -> None:
-        nonlocal count
+        nonlocal count, last
         count += 1
-        if progress and count % TOLD == 0:
+        if progress and (stage != last or count % TOLD == 0):
             progress(f"{stage}: step {count}, error {error:.3g}")
+        last = stage
 
     return tell

@@ -63,7 +63,7 @@ def refuse_unwritable(path: Path) -> None:
 
 
 @contextmanager
-def kept(folder: Path) -> "Iterator[Callable[[PersidskiiModel], None]]":
+def kept(folder: Path) -> Iterator[Callable[[Any], None]]:
     """Yield what takes a fit that is finished; where the work after it is interrupted, the newest one is written."""
     finished: list[Any] = []
     try:

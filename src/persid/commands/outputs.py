@@ -3,10 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from persid.commands.console import Talk
-from persid.commands.exit_codes import EXIT, uninterrupted, verdict_rows
+from persid.commands.exit_codes import EXIT, kept, uninterrupted, verdict_rows
+
+if TYPE_CHECKING:
+    from persid.reports.output_runs import OutputScores
 
 
 def run_outputs(
@@ -19,6 +22,7 @@ def run_outputs(
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
     from persid.reports.folder import write_folder
+    from persid.reports.output_runs import OutputScores, output_runs
     from persid.reports.record import Record, sources, versions
     from persid.reports.results import Results
     from persid.verdicts.summary import summarize
@@ -26,19 +30,20 @@ def run_outputs(
     how = {**reading, "states": outputs}
     options = {name: value for name, value in chosen.items() if name != "foh"}
     options["hold"] = "foh" if chosen.get("foh") else "zoh"
-    with talk.progress() as progress:
+    with talk.progress() as progress, kept(folder) as keep:
         progress("reading the measurements")
         found = files_of(list(files))
-        kept = files_of(list(test)) if test else []
+        unfitted = files_of(list(test)) if test else []
         measured = read_measurements(found, **how)
-        unseen = read_measurements(kept, **how) if kept else None
+        unseen = read_measurements(unfitted, **how) if unfitted else None
         fit = OutputIdentifier(**options, time_limit=time_limit).fit(measured, progress=progress)
+        keep(fit.model_)
         verdict = uninterrupted(fit.verdict_)
         report = fit.report_
         notes = [*report.remarks, *(["The search was interrupted; this is the best so far."] * report.interrupted)]
-        compared = {"candidates": [asdict(one) for one in report.candidates], "notes": notes, "unseen": bool(kept)}
+        compared = {"candidates": [asdict(one) for one in report.candidates], "notes": notes, "unseen": bool(unfitted)}
         progress("drawing the report")
-        record = Record(command, sources(kept or found), how, None, verdict.attempts, versions(), compared)
+        record = Record(command, sources(unfitted or found), how, None, verdict.attempts, versions(), compared)
         proof = write_folder(folder, Results(fit.model_, verdict, unseen or measured, record))
     brief = summarize(verdict)
     paths = {
@@ -53,9 +58,15 @@ def run_outputs(
     rows += [
         ("free run", f"error {report.held_out:.4g} of the outputs' spread, held out (linear model {report.linear:.4g})")
     ]
-    scores = None if unseen is None else float(fit.score(unseen))
-    rows += [] if scores is None else [("unseen", f"R2 {scores:.4f} on {len(kept)} files kept from the fit")]
+    scores = None if unseen is None else OutputScores.of(output_runs(fit.model_, unseen), fit.model_.outputs)
+    rows += [] if scores is None else [("unseen", _told(scores, len(unfitted)))]
     rows += [*(("note", text) for text in notes), *verdict_rows(verdict), *list(named.items())[1:]]
-    held_out = {"error": report.held_out, "linear": report.linear, "unseen_r2": scores}
+    told = None if scores is None else scores.to_dict()
+    held_out = {"error": report.held_out, "linear": report.linear, "unseen": told}
     talk.result(brief.to_dict() | {"held_out": held_out, "notes": notes, "files": named}, rows)
     return EXIT[brief.verdict]
+
+
+def _told(scores: "OutputScores", files: int) -> str:
+    lines = [f"{files} file{'' if files == 1 else 's'} kept from the fit"]
+    return "\n".join([*lines, *(f"{name}: {text}" for name, text in scores.rows())])

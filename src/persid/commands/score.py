@@ -12,6 +12,8 @@ from persid.commands.options import FILE, MEASUREMENTS, appending, columns, talk
 
 if TYPE_CHECKING:
     from persid.identification.scores import Scores
+    from persid.models.outputs import OutputModel
+    from persid.reports.output_runs import OutputScores
 
 
 @click.command()
@@ -25,17 +27,18 @@ def score(model: Path, data: tuple[Path, ...], as_json: bool, quiet: bool, **how
 
     The columns of the files are those of the model's states and inputs. R2 is against the spread of the files; errors
     stand in the unit of each state and in % of its range. A star marks the horizon over which the record forgets.
+    A model of inputs and outputs runs freely over every file, from a state that its first samples tell.
 
     \b
     Example:
       persid score model.json examples/traffic.csv
     """
-    from persid.models.model import PersidskiiModel
+    from persid.models.outputs import OutputModel
     from persid.reports.comparison import facts, scored
 
     talk, subject = Talk(as_json, quiet), read_model(model)
-    if not isinstance(subject, PersidskiiModel):
-        raise click.UsageError("an output model is scored by persid run --outputs … --test FILE")
+    if isinstance(subject, OutputModel):
+        return _score_outputs(model, subject, data, talk, how)
     with talk.progress() as progress:
         progress("scoring")
         found = unseen_scores(subject, _measured(subject, data, **how), other_files(data))
@@ -48,6 +51,29 @@ def score(model: Path, data: tuple[Path, ...], as_json: bool, quiet: bool, **how
 def other_files(files: Sequence[Path]) -> str:
     """Return what scores on other files are on."""
     return f"{len(files)} other file{'' if len(files) == 1 else 's'}"
+
+
+def _score_outputs(path: Path, model: "OutputModel", data: Sequence[Path], talk: Talk, how: dict[str, Any]) -> int:
+    """Print how free runs, each from a state that its first samples tell, follow the outputs of the files."""
+    if any([how.pop("derivatives"), how.pop("delays")]):
+        raise click.UsageError("--derivatives and --delays go with models of states; an output model has its own")
+    with talk.progress() as progress:
+        progress("scoring")
+        found = unseen_output_scores(model, data, **how)
+    basis = f"free runs over {other_files(data)}, from their first samples"
+    said = {"model": str(path), "scores": {"basis": basis, "outputs": found.to_dict()}}
+    talk.result(said, [("model", str(path)), ("foretells", basis), *found.rows()])
+    return DONE
+
+
+def unseen_output_scores(model: "OutputModel", files: Sequence[Path], **how: Any) -> "OutputScores":
+    """Return the scores of an output model on files that its fit has not seen; columns are those of the model."""
+    from persid.measurements.opening import files_of
+    from persid.measurements.readers import read_measurements
+    from persid.reports.output_runs import OutputScores, output_runs
+
+    how |= {"states": list(model.outputs), "inputs": list(model.dynamics.inputs)}
+    return OutputScores.of(output_runs(model, read_measurements(files_of(list(files)), **how)), model.outputs)
 
 
 def unseen_scores(model: Any, measured: Any, basis: str, hold: str = "zoh") -> "Scores":

@@ -9,9 +9,10 @@ OPTIONS = {
     for name in (
         "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
         "shared", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine", "operating_point",
-        "u_op", "domain", "time_limit", "select", "engine", "scheduler", "gains",
+        "u_op", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order", "neurons", "activation",
+        "min_rate", "max_output_gain",
     )
-} | {"run": "--run-column"}  # fmt: skip
+} | {"run": "--run-column", "output": "--output-map"}  # fmt: skip
 ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")
 SAID = ("note", "warning", "but", "error", "verdict", "hint")
 KEYS = ("notes", "warnings", "caution", "error", "reason")

@@ -1,5 +1,6 @@
 """Free runs of an output model over measurements: scores, and the bound that is proved for each."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,12 +30,48 @@ class OutputRun:
     bound: Float[ndarray, "N l"] | None
 
 
-def output_runs(model: OutputModel, data: Trajectories, verdict: Verdict) -> list[OutputRun]:
+@dataclass(frozen=True, eq=False)
+class OutputScores:
+    """Say of every output how free runs over all records miss it: RMSE in its unit, in % of its range, and R2."""
+
+    outputs: tuple[str, ...]
+    rmse: Float[ndarray, " l"]
+    percent: Float[ndarray, " l"]
+    r2: Float[ndarray, " l"]
+
+    @classmethod
+    def of(cls, runs: Sequence[OutputRun], outputs: tuple[str, ...]) -> "OutputScores":
+        """Return the scores of records together, against the spread about their common mean."""
+        seen = np.concatenate([run.measured.x[run.starts :] for run in runs])
+        square = sum(run.rmse**2 * (len(run.measured) - run.starts) for run in runs) / len(seen)
+        spread, range_ = seen.var(axis=0), np.ptp(seen, axis=0)
+        rmse = np.sqrt(square)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return cls(outputs, rmse, 100 * rmse / range_, 1 - square / spread)
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return a line for each output."""
+        each = zip(self.outputs, self.rmse, self.percent, self.r2, strict=True)
+        return [(name, f"R2 {r2:.4f}, RMSE {rmse:.4g} ({part:.2g} % of its range)") for name, rmse, part, r2 in each]
+
+    def to_dict(self) -> dict[str, dict[str, float | None]]:
+        """Return the scores by output; what is not finite is None."""
+        names = ("rmse", "percent", "r2")
+        return {
+            name: {key: _finite(float(getattr(self, key)[i])) for key in names} for i, name in enumerate(self.outputs)
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def output_runs(model: OutputModel, data: Trajectories, verdict: Verdict | None = None) -> list[OutputRun]:
     """Return the free run of every record; the samples that give its start are not scored."""
     return [_run(model, run, verdict) for run in data]
 
 
-def _run(model: OutputModel, run: Trajectory, verdict: Verdict) -> OutputRun:
+def _run(model: OutputModel, run: Trajectory, verdict: Verdict | None) -> OutputRun:
     starts = int(np.clip(START_SHARE * len(run), min(FEWEST, len(run)), MOST))
     x0 = model.estimate_state(run.t, run.u, run.x[:starts])
     found = model.simulate(run.t, run.u, x0=x0)[0]
@@ -47,7 +84,7 @@ def _run(model: OutputModel, run: Trajectory, verdict: Verdict) -> OutputRun:
 
 
 def _bounds(
-    model: OutputModel, x0: ndarray, run: Trajectory, verdict: Verdict
+    model: OutputModel, x0: ndarray, run: Trajectory, verdict: Verdict | None
 ) -> tuple[ndarray | None, ndarray | None]:
     if not (isinstance(verdict, Certified) and isinstance(verdict.certificate, Certificate)):
         return None, None

@@ -138,10 +138,14 @@ def _paced(start: Lyapunov, fit: StableFit, model: OutputModel, min_rate: float)
     for _ in range(HALVINGS):
         if replace(start, kappa=kappa).is_sound:
             break
-        kappa /= 1.5
+        kappa = max(kappa / 1.5, fit.kappa) if kappa > fit.kappa else kappa / 1.5
     else:
         return start
-    tried = [replace(start, kappa=float(rounded(np.array([share * kappa]))[0])) for share in RATES]
+    wanted = [fit.kappa] if 0 < fit.kappa < kappa else []  # what the fit was made for
+    tried = [
+        replace(start, kappa=float(rounded(np.array([rate]))[0]))
+        for rate in (*(share * kappa for share in RATES), *wanted)
+    ]
     sound = [one for one in tried if one.is_sound and np.isfinite(one.gamma)]
     fast = [one for one in sound if one.kappa >= 2 * min_rate]
     if not sound:

@@ -9,6 +9,7 @@ from persid.errors import DataError
 from persid.identification.outputs import least_squares, selection, sensitivities
 from persid.identification.outputs.least_squares import Fit, Stable, Task
 from persid.identification.outputs.records import Pieces, Record, Scales
+from persid.identification.outputs.remarks import LEAKS, remarks_on
 from persid.identification.outputs.selection import BETTER, Candidate, Group, LinearFit, Question, Winner
 from persid.models.stable_fit import StableFit
 
@@ -25,6 +26,8 @@ class Answer:
     """Hold the fit that is delivered, every candidate, the errors of linear and free models, and remarks.
 
     Errors are root-mean-square in standard units (1 is the spread of the outputs), on the held-out part of the records.
+    `unstable` says that the records belong to an unstable plant; what is to be done then is to fit without condition.
+    `refit` fits the candidate to all data once more.
     """
 
     fit: StableFit
@@ -34,6 +37,12 @@ class Answer:
     error: float
     remarks: tuple[str, ...] = ()
     interrupted: bool = False
+    unstable: bool = False
+    refit: Callable[[float], "Answer"] | None = None
+
+    def damped(self, weight: float) -> "Answer":
+        """Return the same candidate fitted to all data with a ridge on B, C and D, which makes gains smaller."""
+        return self if self.refit is None else self.refit(weight)
 
 
 def answered(
@@ -51,21 +60,31 @@ def answered(
     standard = [scales.standardised(record) for record in records]
     part = selection.selected_part(standard)
     pieces = Pieces.of(part, question.hold, kept=selection.KEPT)
-    linear = selection.linear_fits(part, pieces, question)
+    linear: list[LinearFit] = []
     search = _Search(pieces, part, question, tell)
     interrupted = False
     try:
+        for one in selection.linear_fits(part, pieces, question):
+            linear.append(one)
+            tell("linear models", one.held_out)
         search.run(linear)
     except KeyboardInterrupt:
-        if not search.groups:
+        if not linear:
             raise
+        search.settle(linear)
         interrupted = True
-    winner, remarks = search.winner(), search.remarks
-    if not interrupted:
-        winner = _on_all(winner, standard, question, tell)
-    fit, error = _delivered(winner, standard, scales, dt, question)
     least = min(one.held_out for one in linear)
-    return Answer(fit, winner.candidate, tuple(search.table), least, error, tuple(remarks), interrupted)
+    known = search.winner(), tuple(search.table), least, tuple(search.remarks)
+
+    def fitted(damping: float = 0.0, stopped: bool = False) -> Answer:
+        winner, candidates, least, remarks = known
+        if not stopped:
+            winner, stopped = _on_all(winner, standard, question, tell, damping)
+        fit, error = _delivered(winner, standard, scales, dt, question)
+        said = (*remarks, *remarks_on(fit, winner.candidate.held_out, max(len(u) for u, _ in records)))
+        return Answer(fit, winner.candidate, candidates, least, error, said, stopped, bool(remarks), fitted)
+
+    return fitted(stopped=interrupted)
 
 
 def _checked(records: Sequence[Record], question: Question) -> None:
@@ -73,7 +92,8 @@ def _checked(records: Sequence[Record], question: Question) -> None:
     for k, column in enumerate(y.T):
         if np.ptp(column) == 0:
             raise DataError(
-                f"output {k + 1} is constant ({column[0]:g}) in all records; there is nothing to learn of it"
+                f"output {question.outputs[k] if question.outputs else k + 1} is constant ({column[0]:g}) in all "
+                "records; there is nothing to learn of it"
             )
     n, q, m, l = question.order or 1, question.neurons or 0, u.shape[1], y.shape[1]  # noqa: E741
     unknown = n * n + 2 * n * q + q + n * m + l * (n + 1) + n * len(records)
@@ -115,6 +135,13 @@ class _Search:
         if self.question.feedthrough is None and self.pieces.u.shape[1]:
             self._again(selection.again(group, k, feedthrough=False))
 
+    def settle(self, linear: Sequence[LinearFit]) -> None:
+        """Take the best linear model, where the search was interrupted before there was a candidate."""
+        if not self.groups:
+            least = selection.best_order(linear)
+            best = self._stable(next(one for one in linear if one.latent.n == least))
+            self.groups.append(selection.group_of(best, 0, self.question, self.pieces, (0.0,)))
+
     def winner(self) -> Winner:
         """Return the best candidate; one without neurons, or else without feedthrough, where these do not help."""
         ranking = selection.ranked(self.groups)
@@ -133,7 +160,8 @@ class _Search:
         if not self.question.certified:
             return linear
         moved = selection.stabilised(linear, self.pieces, self.question)
-        if linear.held_out < UNSTABLE * moved.held_out and linear.slowest > 0:
+        grows = linear.slowest * max(len(u) for u, _ in self.part) > LEAKS  # else it integrates
+        if linear.held_out < UNSTABLE * moved.held_out and grows:
             pole, ratio = linear.slowest, moved.held_out / linear.held_out
             self.remarks.append(
                 f"the best linear model of order {linear.latent.n} is unstable (a pole at {pole:+.3g} per sample) and "
@@ -172,32 +200,43 @@ class _Search:
         return group
 
 
-def _on_all(winner: Winner, standard: Sequence[Record], question: Question, tell: Tell) -> Winner:
-    """Return the winner fitted to all samples, in stages, with substeps as short as the model needs."""
+def _on_all(
+    winner: Winner, standard: Sequence[Record], question: Question, tell: Tell, damping: float
+) -> tuple[Winner, bool]:
+    """Return the winner fitted to all samples, in stages, with substeps as short as the model needs.
+
+    The second value says that the fit was interrupted; the winner is as good as it had become.
+    """
     total, size = sum(len(u) for u, _ in standard), selection.SELECTED
     while True:
         size = min(size * GROWTH, total) if size < total else total
         part = selection.selected_part(standard, size)
         pieces = Pieces.of(part, question.hold)
         steps = int(np.clip(FINAL_WORK / size, 10, FINAL_STEPS))
-        winner = _refitted(winner, pieces, steps, tell)
-        if size >= total:
-            return winner
+        winner, interrupted = _refitted(winner, pieces, steps, tell, damping)
+        if size >= total or interrupted:
+            return winner, interrupted
 
 
-def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell) -> Winner:
-    task = Task(pieces, winner.parameters, selection.ridge_of(winner.latent, np.array([winner.ridge])), winner.substeps)
-    fit = least_squares.begun(task, winner.batch)
-    if fit.ended[0]:
-        return winner
-    least_squares.fitted(task, fit, steps, lambda fit: tell("all data", float(fit.error[0])))
-    while task.substeps < selection.FINEST:
-        finer = replace(task, substeps=2 * task.substeps)
-        check = least_squares.begun(finer, fit.batch)
-        if check.error[0] <= REFINED * fit.error[0]:
-            break
-        task, fit = finer, least_squares.fitted(finer, check, steps // 2)
-    return replace(winner, batch=fit.batch, substeps=task.substeps)
+def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell, damping: float) -> tuple[Winner, bool]:
+    """Return the winner after steps on these pieces, and whether they were interrupted."""
+    ridge = selection.ridge_of(winner.latent, np.array([winner.ridge]), damping)
+    task = Task(pieces, winner.parameters, ridge, winner.substeps)
+    fit, interrupted = None, False
+    try:
+        fit = least_squares.begun(task, winner.batch)
+        if fit.ended[0]:
+            return winner, False
+        least_squares.fitted(task, fit, steps, lambda fit: tell("all data", float(fit.error[0])))
+        while task.substeps < selection.FINEST:
+            finer = replace(task, substeps=2 * task.substeps)
+            check = least_squares.begun(finer, fit.batch)
+            if check.error[0] <= REFINED * fit.error[0]:
+                break
+            task, fit = finer, least_squares.fitted(finer, check, steps // 2)
+    except KeyboardInterrupt:
+        interrupted = True
+    return winner if fit is None else replace(winner, batch=fit.batch, substeps=task.substeps), interrupted
 
 
 def _delivered(

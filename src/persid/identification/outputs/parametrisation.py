@@ -7,6 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 KEPT = 1 - 1e-3  # of S, for Delta'Delta: what is left is the margin that survives rounding
+TINY, NEAR = 1e-12, 1 - 1e-6  # least density M, of the largest; norm of U at most
 SLACK = 1e-4  # of |A|: the multiple of the unit matrix that A gives away
 
 
@@ -116,24 +117,56 @@ def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n
     Raises:
         ValueError: A + A' + kappa is not negative.
     """
-    n, q, kappa = shape.n, shape.q, shape.kappa
-    w, V = np.linalg.eigh(-(A + A.T) - (kappa + 2 * shape.eps) * np.eye(n))
-    if w[0] <= 0:
-        raise ValueError("A + A' + kappa is not negative in these coordinates")
-    L, fast = (V * np.sqrt(w)) @ V.T, np.abs(np.linalg.eigvals(A)).max()
-    J, G, tau = (A - A.T) / 2, R @ R.T, 1.0
+    n, q = shape.n, shape.q
+    L, fast = _root(shape, A), np.abs(np.linalg.eigvals(A)).max()
+    tau = 1.0
     for _ in range(200):
         T = np.full(q, tau)
         M = 0.1 * T / fast
-        S = 2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + kappa * M[:, None] * G * M
-        Delta = np.linalg.solve(L, A @ (R.T * M) - R.T * T)
-        U = Delta @ np.linalg.inv(np.sqrt(KEPT) * np.linalg.cholesky(S).T)
+        U = _share(shape, L, A, R, np.zeros((n, q)), M, T)
         if not q or np.linalg.norm(U, 2) < 0.7:
             break
         tau *= 0.7
-    w, V = np.linalg.eigh(np.eye(q) - U.T @ U)
-    X = U @ (V / np.sqrt(w)) @ V.T
-    return np.concatenate([J[np.tril_indices(n, -1)], L.ravel(), R.ravel(), np.log(M), np.log(T), X.ravel()])
+    return _flat(A, L, R, M, T, U)
+
+
+def parameters_under(
+    shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n"], A1: Float[ndarray, "n q"],
+    M: Float[ndarray, " q"], T: Float[ndarray, " q"],
+) -> Float[ndarray, " p"]:  # fmt: skip
+    """Return parameters of a model with multipliers M >= 0 and T that prove it; where its margin is less than what is
+    kept here, those of a model beside it.
+
+    Raises:
+        ValueError: A + A' + kappa is not negative.
+    """
+    L, M = _root(shape, A), np.maximum(M, TINY * M.max(initial=TINY))
+    left, size, right = np.linalg.svd(_share(shape, L, A, R, A1, M, T), full_matrices=False)
+    return _flat(A, L, R, M, T, (left * np.minimum(size, NEAR)) @ right)
+
+
+def _root(shape: Shape, A: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
+    w, V = np.linalg.eigh(-(A + A.T) - (shape.kappa + 2 * shape.eps) * np.eye(shape.n))
+    if w[0] <= 0:
+        raise ValueError("A + A' + kappa is not negative in these coordinates")
+    return np.asarray((V * np.sqrt(w)) @ V.T)
+
+
+def _share(
+    shape: Shape, L: ndarray, A: ndarray, R: ndarray, A1: ndarray, M: Float[ndarray, " q"], T: Float[ndarray, " q"]
+) -> Float[ndarray, "n q"]:
+    """Return U with Delta = U chol(KEPT S)': below 1 in norm where M and T prove the model."""
+    G = R @ R.T
+    S = 2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + shape.kappa * M[:, None] * G * M
+    Delta = np.linalg.solve(L, A @ (R.T * M) - R.T * T - A1)
+    return np.asarray(Delta @ np.linalg.inv(np.sqrt(KEPT) * np.linalg.cholesky(S).T))
+
+
+def _flat(A: ndarray, L: ndarray, R: ndarray, M: ndarray, T: ndarray, U: ndarray) -> Float[ndarray, " p"]:
+    w, V = np.linalg.eigh(np.eye(len(R)) - U.T @ U)
+    X, J = U @ (V / np.sqrt(w)) @ V.T, (A - A.T) / 2
+    low = np.tril_indices(len(A), -1)
+    return np.concatenate([J[low], L.ravel(), R.ravel(), np.log(M), np.log(T), X.ravel()])
 
 
 def _parts(shape: Shape, v: Float[ndarray, "K p"]) -> list[tuple[ndarray, ndarray]]:

@@ -1,6 +1,6 @@
 """Choose order, neurons, ridge, feedthrough and seed by free runs on the last part of every record, held out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -31,7 +31,7 @@ FINEST = 8  # substeps a sample
 
 @dataclass(frozen=True)
 class Question:
-    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample."""
+    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample (dt s); outputs are names."""
 
     order: int | None = None
     neurons: int | None = None
@@ -43,6 +43,8 @@ class Question:
     kappa: float = 0.0
     ridges: tuple[float, ...] = RIDGES
     seeds: tuple[int, ...] = (0, 1, 2)
+    outputs: tuple[str, ...] = ()
+    dt: float = 1.0
 
     @property
     def through(self) -> bool:
@@ -162,10 +164,11 @@ def substeps_for(latent: Latent) -> int:
     return int(np.clip(ceil(fastest / FINE), 1, FINEST))
 
 
-def linear_fits(records: Sequence[Record], pieces: Pieces, question: Question) -> list[LinearFit]:
-    """Return linear models of the order that is asked for, or of orders 1, 2, … until more states do not help."""
+def linear_fits(records: Sequence[Record], pieces: Pieces, question: Question) -> Iterator[LinearFit]:
+    """Yield linear models of the order that is asked for, or of orders 1, 2, … until more states do not help."""
     if question.order is not None:
-        return [linear_fit(records, pieces, question.order, question)]
+        yield linear_fit(records, pieces, question.order, question)
+        return
     found: list[LinearFit] = []
     for n in range(1, ORDERS + 1):
         try:
@@ -173,10 +176,10 @@ def linear_fits(records: Sequence[Record], pieces: Pieces, question: Question) -
         except DataError:
             if not found:
                 raise
-            break
+            return
+        yield found[-1]
         if n - best_order(found) >= 2:
-            break
-    return found
+            return
 
 
 def best_order(found: Sequence[LinearFit]) -> int:
@@ -218,12 +221,17 @@ def group_of(linear: LinearFit, q: int, question: Question, pieces: Pieces, ridg
     return Group(q, through, weights, tuple(seed for _, seed in pairs), task, least_squares.begun(task, batch))
 
 
-def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
-    """Return the ridge: it acts on A1 and R."""
+def ridge_of(latent: Latent, weights: Float[ndarray, " K"], damping: float = 0.0) -> Float[ndarray, "K d"]:
+    """Return the ridge: weights act on A1 and R; damping acts on B, C and D, whose size is the gain."""
+    n, q = latent.n, latent.q
     W, V, O = (np.zeros_like(part[:1]) for part in (latent.W, latent.V, latent.O))  # noqa: E741
-    W[:, :, latent.n : latent.n + latent.q] = 1.0
+    W[:, :, n : n + q] = 1.0
     V[:, :, :-1] = 1.0
-    return weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)])
+    gains = [np.zeros_like(part) for part in (W, V, O)]
+    gains[0][:, :, n + q :] = 1.0
+    gains[2][:, :, :-1] = 1.0
+    flat, of_gains = (np.concatenate([part.ravel() for part in parts]) for parts in ((W, V, O), gains))
+    return weights[:, None] * flat + damping * of_gains
 
 
 def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:

@@ -67,13 +67,19 @@ def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple
     """
     n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
     mapped = stacked([_lyapunov_coordinates(latent[k : k + 1], kappa) for k in range(len(latent.W))])
-    shape = Shape(n, q, kappa, SLACK * float(min(np.abs(np.linalg.eigvals(A)).max() for A in latent.A)))
+    shape = Shape(n, q, kappa, slack(mapped.A, kappa))
     v = np.array([parameters_of(shape, A, R) for A, R in zip(mapped.A, mapped.R, strict=True)])
     flat = [part.reshape(len(v), -1) for part in (mapped.B, mapped.V[:, :, -1], mapped.O)]
     w = np.concatenate([v, *flat], 1)
     free = feedthrough | ~entries_of_feedthrough(w.shape[1], n, m, l)
     batch = Batch(w, mapped.x0.copy(), mapped.b, *latent.kind)
     return Stable(shape, m, l, free), batch, mapped
+
+
+def slack(A: Float[ndarray, "K n n"], kappa: float) -> float:
+    """Return the multiple of the unit matrix that A gives away: a share of |A|, and less than a slow A has."""
+    room = -np.linalg.eigvalsh(A + np.swapaxes(A, 1, 2))[:, -1] - kappa
+    return float(min(SLACK * np.abs(np.linalg.eigvals(A)).max(1).min(), room.min() / 4))
 
 
 def _lyapunov_coordinates(latent: Latent, kappa: float) -> Latent:

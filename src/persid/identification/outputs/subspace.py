@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.linalg import logm
 from scipy.signal import lfilter
 
 from persid.identification.outputs.records import Record
@@ -16,6 +15,7 @@ STRIDES = (1, 4, 16)  # samples that are merged into one, where sampling is far 
 COLUMNS = 6000  # of the Hankel matrices, at most
 LARGEST = 0.9995  # modulus of a pole of a start
 SMALLEST = 0.05  # a real pole of a start: below, no continuous-time model samples to it
+GROWTH = 1e6  # of an unstable start over a record, at most
 RIDGE = 1e-8
 
 
@@ -40,10 +40,11 @@ def linear_starts(
     for stride in STRIDES:
         merged = [_merged(record, stride) for record in records]
         for A, C in _pairs(merged, n, horizons):
-            try:
-                found.append(_completed(_rooted(_tamed(A), stride), C, records, feedthrough))
-            except (np.linalg.LinAlgError, ValueError):
-                continue
+            for continuous in _continuous(A, stride, max(len(u) for u, _ in merged)):
+                try:
+                    found.append(_completed(continuous, C, records, feedthrough))
+                except (np.linalg.LinAlgError, ValueError):
+                    continue
     return sorted((start for start in found if np.isfinite(start.error)), key=lambda start: start.error)
 
 
@@ -136,20 +137,21 @@ def _lifted(gram: Float[ndarray, "p p"]) -> Float[ndarray, "p p"]:
     return gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))
 
 
-def _tamed(A: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
-    """Return A with its poles inside the unit circle (reflected) and no real one that is negative or nearly zero."""
+def _continuous(A: Float[ndarray, "n n"], stride: int, length: int) -> list[Float[ndarray, "n n"]]:
+    """Return A of one sample in continuous time, from that of `stride` samples, by the logarithm of its poles.
+
+    Poles outside the unit circle are reflected; where they let a run of so many samples grow by less than GROWTH, the
+    unstable model is a start as well. Real poles that are negative or nearly zero are moved to SMALLEST.
+    """
     w, V = np.linalg.eig(A)
     w = w.astype(complex)
-    size = np.abs(w)
-    w = np.where(size > LARGEST, w / np.maximum(size, 1e-300) * np.minimum(LARGEST, 1 / np.maximum(size, 1e-300)), w)
     low = (np.abs(w.imag) < 1e-9) & (w.real < SMALLEST)
-    return (V @ np.diag(np.where(low, SMALLEST + 0.01 * np.arange(len(w)), w)) @ np.linalg.inv(V)).real
-
-
-def _rooted(A: Float[ndarray, "n n"], stride: int) -> Float[ndarray, "n n"]:
-    """Return the continuous-time A of one sample, from that of `stride` samples."""
-    root = logm(A)
-    return np.real(root) / stride
+    w = np.where(low, SMALLEST + 0.01 * np.arange(len(w)), w)
+    size = np.maximum(np.abs(w), 1e-300)
+    poles = [np.where(size > LARGEST, w / size * np.minimum(LARGEST, 1 / size), w)]
+    if 1 < size.max() < GROWTH ** (1 / length):
+        poles.append(w)
+    return [(V @ np.diag(np.log(w) / stride) @ np.linalg.inv(V)).real for w in poles]
 
 
 def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequence[Record], through: bool) -> Linear:
