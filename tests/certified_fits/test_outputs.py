@@ -129,9 +129,8 @@ def test_a_rate_and_a_gain_are_certified_together():
     fit = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=0, **options).fit(data)
     assert fit.certificate_.rate >= 0.6
     assert fit.certificate_.output_gains[0] <= options["max_output_gain"]
-    assert not fit.report_.remarks
-    assert fit.report_.error > plain.report_.error
-    assert fit.score(data) > 0.5
+    assert [remark.split(":")[0] for remark in fit.report_.remarks] == ["outputs are scaled to the gains asked for"]
+    assert plain.report_.error < fit.report_.error < 1
 
 
 def test_an_interrupt_of_the_linear_start_keeps_it():
@@ -165,6 +164,7 @@ def test_an_interrupt_of_the_final_fit_keeps_it():
     assert fit.score(data) > 0.99
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("activation", "hold"), [("arctan", "foh"), ("softsign", "zoh")])
 def test_other_activations_and_holds_are_certified(activation, hold):
     """Every activation and hold is fitted, proved by the fit's own multipliers, and foretells the record."""

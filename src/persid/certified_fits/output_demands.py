@@ -1,18 +1,17 @@
 """What is asked of the certificate of a model of inputs and outputs: a rate of decay, and gains of the outputs."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
-from persid.identification.outputs.answer import Answer
+from persid.models.stable_fit import StableFit
 from persid.verdicts.verdict import Verdict
 
-WEIGHTS = (-6.0, 2.0)  # decimal logarithms of the ridge on B, C and D: no effect, and no gain
-HALVINGS = 6  # of that range
+SAFE = 1 - 1e-9  # of the gain allowed, for what rounding adds
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +61,14 @@ class Demand:
         found = getattr(getattr(verdict, "certificate", None), "output_gains", None)
         return 0.0 if self.gains is None else np.inf if found is None else float((found / self.gains).max())
 
-    def met(self, answer: Answer, verdict_of: Callable[[Answer], Verdict]) -> Answer:
-        """Return the answer, damped as little as its gains need; by halving the range of the ridge on B, C and D."""
-        low, high = WEIGHTS
-        best = answer
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2
-            tried = answer.damped(10**middle)
-            if tried.interrupted:
-                return best
-            if self.excess(verdict_of(tried)) <= 1:
-                best, high = tried, middle
-            else:
-                low = middle
-        return best
+    def met(self, fit: StableFit, verdict: Verdict) -> StableFit:
+        """Return the fit with C and D of every output scaled until its gain is the one allowed; its mean stays.
+
+        The gain of an output is linear in its rows of C and D, so that this is exact.
+        """
+        certificate = getattr(verdict, "certificate", None)
+        if self.gains is None or certificate is None or certificate.output_gains is None:
+            return fit
+        share = np.minimum(1.0, SAFE * self.gains / certificate.output_gains)[:, None]
+        d = fit.d + ((1 - share) * fit.C) @ fit.x_mean
+        return replace(fit, C=share * fit.C, D=share * fit.D, d=d)

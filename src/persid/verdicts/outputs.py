@@ -29,6 +29,7 @@ from persid.verdicts.verdict import Attempt, Certified, Verdict
 
 RATES = np.concatenate([np.linspace(1.0, 0.1, 19), np.geomspace(0.08, 1e-4, 12)])  # shares of the largest kappa
 HALVINGS = 60  # of kappa, until the inequality holds
+PROVED = 1 + 1e-6  # of a rate that is asked for: what is left to rounding
 DENSITIES = (0.0, 1e-9, 1e-6)  # M below such a share of its largest is left out where the inequality needs it
 
 Progress = Callable[[str], None]
@@ -134,18 +135,13 @@ def _paced(start: Lyapunov, fit: StableFit, model: OutputModel, min_rate: float)
     """Return it at the rate with the smallest gains of the outputs, at least `min_rate` where there is one so fast."""
     if not start.is_sound:
         return None
-    kappa = max(fit.kappa, 2 * float(-np.linalg.eigvals(fit.A).real.max()), 1e-12)
-    for _ in range(HALVINGS):
-        if replace(start, kappa=kappa).is_sound:
-            break
-        kappa = max(kappa / 1.5, fit.kappa) if kappa > fit.kappa else kappa / 1.5
-    else:
+    fastest, asked = max(fit.kappa, 2 * float(-np.linalg.eigvals(fit.A).real.max()), 1e-12), 2 * PROVED * min_rate
+    falling = sorted([*(fastest / 1.5**k for k in range(HALVINGS)), fit.kappa, asked], reverse=True)
+    kappa = next((rate for rate in falling if 0 < rate <= fastest and replace(start, kappa=rate).is_sound), None)
+    if kappa is None:
         return start
-    wanted = [fit.kappa] if 0 < fit.kappa < kappa else []  # what the fit was made for
-    tried = [
-        replace(start, kappa=float(rounded(np.array([rate]))[0]))
-        for rate in (*(share * kappa for share in RATES), *wanted)
-    ]
+    rates = [share * kappa for share in RATES] + [asked] * (0 < asked < kappa)
+    tried = [replace(start, kappa=float(rounded(np.array([rate]))[0])) for rate in rates]
     sound = [one for one in tried if one.is_sound and np.isfinite(one.gamma)]
     fast = [one for one in sound if one.kappa >= 2 * min_rate]
     if not sound:

@@ -27,7 +27,6 @@ class Answer:
 
     Errors are root-mean-square in standard units (1 is the spread of the outputs), on the held-out part of the records.
     `unstable` says that the records belong to an unstable plant; what is to be done then is to fit without condition.
-    `refit` fits the candidate to all data once more.
     """
 
     fit: StableFit
@@ -38,11 +37,6 @@ class Answer:
     remarks: tuple[str, ...] = ()
     interrupted: bool = False
     unstable: bool = False
-    refit: Callable[[float], "Answer"] | None = None
-
-    def damped(self, weight: float) -> "Answer":
-        """Return the same candidate fitted to all data with a ridge on B, C and D, which makes gains smaller."""
-        return self if self.refit is None else self.refit(weight)
 
 
 def answered(
@@ -74,17 +68,13 @@ def answered(
         search.settle(linear)
         interrupted = True
     least = min(one.held_out for one in linear)
-    known = search.winner(), tuple(search.table), least, tuple(search.remarks)
-
-    def fitted(damping: float = 0.0, stopped: bool = False) -> Answer:
-        winner, candidates, least, remarks = known
-        if not stopped:
-            winner, stopped = _on_all(winner, standard, question, tell, damping)
-        fit, error = _delivered(winner, standard, scales, dt, question)
-        said = (*remarks, *remarks_on(fit, winner.candidate.held_out, max(len(u) for u, _ in records)))
-        return Answer(fit, winner.candidate, candidates, least, error, said, stopped, bool(remarks), fitted)
-
-    return fitted(stopped=interrupted)
+    winner, remarks = search.winner(), search.remarks
+    if not interrupted:
+        winner, interrupted = _on_all(winner, standard, question, tell)
+    fit, error = _delivered(winner, standard, scales, dt, question)
+    names = question.outputs or tuple(f"y{i + 1}" for i in range(records[0][1].shape[1]))
+    said = (*remarks, *remarks_on(fit, winner.candidate.held_out, max(len(u) for u, _ in records), names))
+    return Answer(fit, winner.candidate, tuple(search.table), least, error, said, interrupted, bool(remarks))
 
 
 def _checked(records: Sequence[Record], question: Question) -> None:
@@ -200,9 +190,7 @@ class _Search:
         return group
 
 
-def _on_all(
-    winner: Winner, standard: Sequence[Record], question: Question, tell: Tell, damping: float
-) -> tuple[Winner, bool]:
+def _on_all(winner: Winner, standard: Sequence[Record], question: Question, tell: Tell) -> tuple[Winner, bool]:
     """Return the winner fitted to all samples, in stages, with substeps as short as the model needs.
 
     The second value says that the fit was interrupted; the winner is as good as it had become.
@@ -213,18 +201,18 @@ def _on_all(
         part = selection.selected_part(standard, size)
         pieces = Pieces.of(part, question.hold)
         steps = int(np.clip(FINAL_WORK / size, 10, FINAL_STEPS))
-        winner, interrupted = _refitted(winner, pieces, steps, tell, damping)
+        winner, interrupted = _refitted(winner, pieces, steps, tell)
         if size >= total or interrupted:
             return winner, interrupted
 
 
-def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell, damping: float) -> tuple[Winner, bool]:
+def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell) -> tuple[Winner, bool]:
     """Return the winner after steps on these pieces, and whether they were interrupted."""
-    ridge = selection.ridge_of(winner.latent, np.array([winner.ridge]), damping)
+    ridge = selection.ridge_of(winner.latent, np.array([winner.ridge]))
     task = Task(pieces, winner.parameters, ridge, winner.substeps)
     fit, interrupted = None, False
     try:
-        fit = least_squares.begun(task, winner.batch)
+        fit = least_squares.begun(task, replace(winner.batch, w=winner.batch.w.copy(), x0=winner.batch.x0.copy()))
         if fit.ended[0]:
             return winner, False
         least_squares.fitted(task, fit, steps, lambda fit: tell("all data", float(fit.error[0])))

@@ -1,24 +1,25 @@
 """What has to be said of a fit beside its verdict: outputs that integrate, and models that foretell nothing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from persid.identification.outputs.latent import activated
+from persid.identification.outputs.latent import activated, slope_of
 from persid.models.stable_fit import StableFit
 
 LEAKS = 0.1  # a mode that decays by less than this share over the longest record cannot be told from an integrator
 SEEN = 0.3  # of an output's spread, that such a mode has to make
 
 
-def remarks_on(fit: StableFit, held_out: float, samples: int) -> tuple[str, ...]:
+def remarks_on(fit: StableFit, held_out: float, samples: int, names: Sequence[str]) -> tuple[str, ...]:
     """Return sentences on a fit whose longest record has so many samples; held_out is in units of the spread."""
-    return tuple([*_integrating(fit, samples), *_poor(held_out)])
+    return tuple([*_integrating(fit, samples, names), *_poor(held_out)])
 
 
-def _integrating(fit: StableFit, samples: int) -> Iterator[str]:
+def _integrating(fit: StableFit, samples: int, names: Sequence[str]) -> Iterator[str]:
     """Name the outputs that the slowest mode of the linearisation about the mean state carries."""
-    slope = activated(fit.activation, fit.R @ fit.x_mean + fit.beta)[1]
+    s = fit.R @ fit.x_mean + fit.beta
+    slope = slope_of(fit.activation, s, activated(fit.activation, s))
     poles, V = np.linalg.eig(fit.A + (fit.A1 * slope) @ fit.R)
     slow = int(np.argmax(poles.real))
     length = samples * fit.dt
@@ -27,7 +28,6 @@ def _integrating(fit: StableFit, samples: int) -> Iterator[str]:
     row = np.linalg.inv(V)[slow]
     made = np.abs(fit.C @ V[:, slow]) * np.sqrt((row @ fit.x_cov @ row.conj()).real)
     spread = np.sqrt(np.einsum("li,ij,lj->l", fit.C, fit.x_cov, fit.C))
-    names = fit.outputs or tuple(f"y{i + 1}" for i in range(len(spread)))
     seen = [name for name, a, b in zip(names, made, spread, strict=True) if a > SEEN * b]
     if seen:
         verb = "integrates" if len(seen) == 1 else "integrate"

@@ -221,17 +221,12 @@ def group_of(linear: LinearFit, q: int, question: Question, pieces: Pieces, ridg
     return Group(q, through, weights, tuple(seed for _, seed in pairs), task, least_squares.begun(task, batch))
 
 
-def ridge_of(latent: Latent, weights: Float[ndarray, " K"], damping: float = 0.0) -> Float[ndarray, "K d"]:
-    """Return the ridge: weights act on A1 and R; damping acts on B, C and D, whose size is the gain."""
-    n, q = latent.n, latent.q
+def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
+    """Return the ridge: it acts on A1 and R."""
     W, V, O = (np.zeros_like(part[:1]) for part in (latent.W, latent.V, latent.O))  # noqa: E741
-    W[:, :, n : n + q] = 1.0
+    W[:, :, latent.n : latent.n + latent.q] = 1.0
     V[:, :, :-1] = 1.0
-    gains = [np.zeros_like(part) for part in (W, V, O)]
-    gains[0][:, :, n + q :] = 1.0
-    gains[2][:, :, :-1] = 1.0
-    flat, of_gains = (np.concatenate([part.ravel() for part in parts]) for parts in ((W, V, O), gains))
-    return weights[:, None] * flat + damping * of_gains
+    return weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)])
 
 
 def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
