@@ -69,6 +69,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     max_output_gain: None, or the largest gain of the outputs that is certified, in their unit per unit of the inputs:
         one number, or one for each output. Where the fit's is larger, C and D of that output are scaled.
     seeds: random starts for every size.  random_state: the first of them.
+    warm_start: True continues from the fit before, where there is one: its order, neurons and multipliers are kept, and
+        nothing is searched. Errors named held out are then those of the earlier model on the new records.
     compare: also fit the chosen size without the condition, for `report_.price`.
     time_limit: seconds for the proof, beyond the fit's own.
 
@@ -98,6 +100,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         max_output_gain: Any = None,
         seeds: int = 3,
         random_state: int = 0,
+        warm_start: bool = False,
         compare: bool = False,
         time_limit: float | int = 60.0,
     ) -> None:
@@ -112,6 +115,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.max_output_gain = max_output_gain
         self.seeds = seeds
         self.random_state = random_state
+        self.warm_start = warm_start
         self.compare = compare
         self.time_limit = time_limit
 
@@ -140,7 +144,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         tell = _told(progress)
         records = [(run.u, run.x) for run in data]
         with few_threads(4):
-            answer = answered(records, step, question, tell)
+            answer = answered(records, step, question, tell, self._earlier())
             if answer.unstable and self.certified and not answer.interrupted:
                 free = answered(records, step, replace(question, certified=False), tell)
                 answer = replace(free, remarks=(answer.remarks[0], *free.remarks))
@@ -162,6 +166,10 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             kappa=kappa,
             seeds=tuple(range(self.random_state, self.random_state + self.seeds)),
         )
+
+    def _earlier(self) -> StableFit | None:
+        """Return the fit before, where it is to be continued."""
+        return getattr(self, "fit_", None) if self.warm_start else None
 
     def _free(
         self, answer: Answer, records: list[Any], step: float, question: Question, tell: Callable[[str, float], None]

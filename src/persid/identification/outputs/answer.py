@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from persid.errors import DataError
-from persid.identification.outputs import least_squares, selection, sensitivities
+from persid.identification.outputs import least_squares, refit, selection, sensitivities
 from persid.identification.outputs.least_squares import Fit, Stable, Task
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.remarks import LEAKS, remarks_on
@@ -40,18 +40,52 @@ class Answer:
 
 
 def answered(
-    records: Sequence[Record], dt: float, question: Question, tell: Tell = lambda stage, error: None
+    records: Sequence[Record],
+    dt: float,
+    question: Question,
+    tell: Tell = lambda stage, error: None,
+    start: StableFit | None = None,
 ) -> Answer:
-    """Choose a model by held-out free runs, and fit it to all data.
+    """Choose a model by held-out free runs, or take an earlier fit as `start`, and fit it to all data.
 
     An interrupt (Ctrl-C) ends the search: the best model so far is delivered, and the answer says so.
 
     Raises:
-        DataError: the records are too short, or constant.
+        DataError: the records are too short, or constant, or the earlier fit is of another kind.
     """
     _checked(records, question)
     scales = Scales.of(records, centred=question.output_map is None)
     standard = [scales.standardised(record) for record in records]
+    if start is None:
+        found = _searched(standard, question, tell)
+    else:
+        winner = refit.winner_of(start, records, scales, dt, question)
+        found = _Found(winner, (winner.candidate,), np.nan, (), False)
+    winner, interrupted = found.winner, found.interrupted
+    if not interrupted:
+        winner, interrupted = _on_all(winner, standard, question, tell)
+    fit, error = _delivered(winner, standard, scales, dt, question)
+    names = question.outputs or tuple(f"y{i + 1}" for i in range(records[0][1].shape[1]))
+    said = remarks_on(fit, winner.candidate.held_out, max(len(u) for u, _ in records), names)
+    unstable = bool(found.remarks)
+    return Answer(
+        fit, winner.candidate, found.table, found.linear, error, (*found.remarks, *said), interrupted, unstable
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Hold what a search found: the winner, all candidates, the error of the best linear model, and remarks."""
+
+    winner: Winner
+    table: tuple[Candidate, ...]
+    linear: float
+    remarks: tuple[str, ...]
+    interrupted: bool
+
+
+def _searched(standard: list[Record], question: Question, tell: Tell) -> _Found:
+    """Search on the first samples of the records; the last quarter of them is held out."""
     part = selection.selected_part(standard)
     pieces = Pieces.of(part, question.hold, kept=selection.KEPT)
     linear: list[LinearFit] = []
@@ -68,13 +102,7 @@ def answered(
         search.settle(linear)
         interrupted = True
     least = min(one.held_out for one in linear)
-    winner, remarks = search.winner(), search.remarks
-    if not interrupted:
-        winner, interrupted = _on_all(winner, standard, question, tell)
-    fit, error = _delivered(winner, standard, scales, dt, question)
-    names = question.outputs or tuple(f"y{i + 1}" for i in range(records[0][1].shape[1]))
-    said = (*remarks, *remarks_on(fit, winner.candidate.held_out, max(len(u) for u, _ in records), names))
-    return Answer(fit, winner.candidate, tuple(search.table), least, error, said, interrupted, bool(remarks))
+    return _Found(search.winner(), tuple(search.table), least, tuple(search.remarks), interrupted)
 
 
 def _checked(records: Sequence[Record], question: Question) -> None:

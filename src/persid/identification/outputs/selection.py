@@ -31,7 +31,7 @@ FINEST = 8  # substeps a sample
 
 @dataclass(frozen=True)
 class Question:
-    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample (dt s); outputs are names."""
+    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample; outputs are names."""
 
     order: int | None = None
     neurons: int | None = None
@@ -44,7 +44,6 @@ class Question:
     ridges: tuple[float, ...] = RIDGES
     seeds: tuple[int, ...] = (0, 1, 2)
     outputs: tuple[str, ...] = ()
-    dt: float = 1.0
 
     @property
     def through(self) -> bool:

@@ -1,0 +1,89 @@
+"""From an earlier fit to the point at which a fit to other records begins."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from persid.errors import DataError, ModelError
+from persid.identification.outputs import least_squares, selection, starts
+from persid.identification.outputs.latent import Latent
+from persid.identification.outputs.least_squares import Batch, Free, Stable, Task
+from persid.identification.outputs.parametrisation import Shape, parameters_under
+from persid.identification.outputs.records import Pieces, Record, Scales
+from persid.identification.outputs.selection import Candidate, Question, Winner
+from persid.models.outputs import OutputModel
+from persid.models.stable_fit import StableFit
+
+FIRST = 50  # samples that tell the state at the start of a record
+
+
+def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: float, question: Question) -> Winner:
+    """Return an earlier fit as the winner of a search that did not take place; its errors are those before a refit.
+
+    Raises:
+        DataError: the earlier model has other inputs, outputs, kind or condition than the question.
+    """
+    _refuse_others(fit, records, question)
+    latent = _standardised(fit, records, scales, dt)
+    parameters, batch = _point(fit, latent, dt, question)
+    pieces = Pieces.of([scales.standardised(record) for record in records], question.hold, kept=selection.KEPT)
+    substeps = selection.substeps_for(latent)
+    found = least_squares.begun(Task(pieces, parameters, selection.ridge_of(latent, np.zeros(1)), substeps), batch)
+    if found.ended[0]:
+        raise DataError("the earlier model does not follow these records; fit anew, without warm_start=")
+    through = bool(np.any(fit.D))
+    errors = float(found.error[0]), float(found.held_out[0])
+    return Winner(parameters, batch, 0.0, substeps, Candidate(latent.n, latent.q, through, 0.0, 0, *errors, 0))
+
+
+def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question) -> None:
+    u, y = records[0]
+    n, q = fit.R.shape[1], len(fit.R)
+    pairs = (
+        ("inputs", u.shape[1], fit.B.shape[1]),
+        ("outputs", y.shape[1], len(fit.C)),
+        ("activation=", question.activation, fit.activation),
+        ("output=", question.output_map, fit.output_map),
+        ("hold=", question.hold, fit.hold),
+        ("order=", question.order or n, n),
+        ("neurons=", q if question.neurons is None else question.neurons, q),
+        ("certified=", question.certified, fit.M is not None),
+    )
+    for name, asked, had in pairs:
+        if asked != had:
+            raise DataError(f"{name} is {asked} and was {had} in the earlier fit; fit anew, without warm_start=")
+
+
+def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt: float) -> Latent:
+    """Return the fit in standard units of these records, a sample being the unit of time.
+
+    With u = u_mean + u_scale v: B (u - u_ref) = B u_scale v + B (u_mean - u_ref), and so for D; y = y_mean + y_scale s.
+    """
+    model, moved = OutputModel.from_fit(fit), scales.u_mean - fit.u_ref
+    x0 = []
+    for u, y in records:
+        t = dt * np.arange(min(len(u), FIRST))
+        try:
+            x0.append(model.estimate_state(t, u[: len(t)], y[: len(t)]))
+        except ModelError as error:
+            raise DataError(f"the earlier model does not fit these records: {error}") from None
+    W = np.hstack([fit.A, fit.A1, fit.B * scales.u_scale]) * dt
+    rows = np.hstack([fit.C, fit.D * scales.u_scale, (fit.d + fit.D @ moved - scales.y_mean)[:, None]])
+    outputs = rows / scales.y_scale[:, None]
+    b, V = (fit.b + fit.B @ moved) * dt, np.hstack([fit.R, fit.beta[:, None]])
+    return Latent(W[None], b[None], V[None], outputs[None], np.array(x0)[None], fit.activation, fit.output_map)
+
+
+def _point(fit: StableFit, latent: Latent, dt: float, question: Question) -> tuple[Free | Stable, Batch]:
+    n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
+    through = bool(question.feedthrough) or (question.feedthrough is None and bool(np.any(fit.D)))
+    if fit.M is None or fit.T is None:
+        return starts.free_batch(latent, through)
+    shape = Shape(n, q, question.kappa, starts.slack(latent.A, question.kappa))
+    try:
+        v = parameters_under(shape, latent.A[0], latent.R[0], latent.A1[0], fit.M, fit.T * dt)
+    except ValueError:
+        raise DataError("the earlier model is slower than min_rate= asks for; fit anew, without warm_start=") from None
+    w = np.concatenate([v[None], *(part.reshape(1, -1) for part in (latent.B, latent.V[:, :, -1], latent.O))], 1)
+    free = through | ~starts.entries_of_feedthrough(w.shape[1], n, m, l)
+    return Stable(shape, m, l, free), Batch(w, latent.x0, latent.b, *latent.kind)
