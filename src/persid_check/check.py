@@ -14,7 +14,8 @@ from persid_check.infeasibility import prove_infeasibility
 from persid_check.ledger.check import check_ledger
 from persid_check.ledger.file import FORMAT as LEDGER
 from persid_check.model import model_sha256, sha256_of
-from persid_check.network import NetworkClaim, NetworkObstruction, prove_network, prove_no_weights, read_network
+from persid_check.network import prove_network, prove_no_weights, read_network
+from persid_check.network_claims import NetworkClaim, NetworkObstruction
 from persid_check.outputs import FORMAT as OUTPUT_FORMAT
 from persid_check.outputs import NOTHING, Conclusions, detached, output_sha256, read_conclusions
 from persid_check.refutation import prove_refutation

@@ -1,7 +1,6 @@
 """Claims G, M, E and R: every hypothesis of the theorem is proved here, in the order of the specification."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
@@ -9,9 +8,8 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 from persid_check import output_sentences, sentences
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, blocks, diagonal, is_positive_definite
-from persid_check.format import WORDS, GroupProof, Stability
+from persid_check.format import WORDS, Stability
 from persid_check.inequality import Inequality, assemble, density, gamma_matrix, input_columns, quadratic_form
-from persid_check.model import Group
 from persid_check.outputs import NOTHING, Conclusions, prove_incremental, prove_outputs
 from persid_check.prover import (
     prove_continuous,
@@ -25,22 +23,11 @@ from persid_check.prover import (
     prove_strictly_increasing,
 )
 from persid_check.results import Accepted, NotProvedError
-from persid_check.side import Curve, Domain, Form, Shift
+from persid_check.setting import Setting
+from persid_check.side import Form, Shift
 
 MAX_REGIONAL = 200  # states: an inverse is enclosed
 INVERSE_BITS = (192, 768, 3072)  # precisions of that enclosure, tried in this order
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One group as the prover sees it: the curve phi_g, the domain r_g'X (None: R), the ball of r_g'(x* - x_ref)."""
-
-    index: int
-    group: Group
-    proof: GroupProof
-    curve: Curve
-    domain: Domain
-    shift: Shift
 
 
 def prove_stability(claim: Stability, more: Conclusions = NOTHING) -> Accepted:

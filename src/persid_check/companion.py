@@ -3,12 +3,13 @@
 import hashlib
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from persid_check.results import FormatError
+from persid_check.results import FormatError, NotProvedError
 
 if TYPE_CHECKING:
     from numpy import ndarray
@@ -88,3 +89,13 @@ def _array(where: str, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> "nd
     if count > MAX_ITEMS or len(content) != 10 + size + count * kind.itemsize:
         raise FormatError(place, "its size is not the one that its header declares")
     return np.frombuffer(content, kind, count, 10 + size)
+
+
+def binary64(values: "Sequence[Fraction] | ndarray") -> "ndarray":
+    """Return weights as floats, which they are exactly."""
+    import numpy as np
+
+    floats = np.array([float(value) for value in values]) if isinstance(values, tuple) else np.asarray(values)
+    if isinstance(values, tuple) and any(Fraction(f) != v for f, v in zip(floats.tolist(), values, strict=True)):
+        raise NotProvedError("weights", "in a large network a weight must be a binary64")
+    return floats

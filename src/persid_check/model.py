@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,14 +10,11 @@ from typing import Any
 
 from persid_check import sparse
 from persid_check.expression import ExpressionError, Program, is_linear, parse
+from persid_check.fields import FIELDS, FORMAT, REQUIRED, read_matrix, read_names, read_vector, refuse_fields
 from persid_check.results import FormatError
 
-FORMAT = "persid-model-1"
 MAX_STATES = 1000
 MAX_CHANNELS = 3000  # 12 functions for each of 250 states, or 3 for each of 1000
-FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
-REQUIRED = {"format", "states", "terms", "B"}
-_ZERO = (0.0).hex()
 
 Row = dict[int, Fraction]
 
@@ -95,11 +91,11 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
         "inputs": inputs,
         "x_ref": read_vector("model.x_ref", data.get("x_ref"), n),
         "u_ref": read_vector("model.u_ref", data.get("u_ref"), m),
-        "A0": _matrix("model.A0", data.get("A0"), n, n),
+        "A0": read_matrix("model.A0", data.get("A0"), n, n),
         "terms": _terms(data["terms"], n),
-        "B": _matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
+        "B": read_matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
         "b": read_vector("model.b", data.get("b"), n),
-        "domain": None if data.get("domain") is None else _matrix("model.domain", data["domain"], n, 2),
+        "domain": None if data.get("domain") is None else read_matrix("model.domain", data["domain"], n, 2),
     }
 
 
@@ -188,16 +184,6 @@ def _floats(rows: list[list[str]]) -> list[list[float]]:
     return [[float.fromhex(value) for value in row] for row in rows]
 
 
-def refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], required: set[str]) -> None:
-    """Refuse an object with another field, or without a required one."""
-    for name in data:
-        if name not in known:
-            raise FormatError(where, f"unknown field {str(name)[:60]!r}; known: {', '.join(known)}")
-    for name in sorted(required):
-        if name not in data:
-            raise FormatError(where, f"the field {name!r} is missing")
-
-
 def _terms(terms: Any, n: int) -> list[dict[str, Any]]:
     if not isinstance(terms, list) or len(terms) > MAX_CHANNELS:
         raise FormatError("model.terms", f"a list of at most {MAX_CHANNELS} terms is needed")
@@ -222,8 +208,8 @@ def _term(where: str, term: Any, n: int) -> dict[str, Any]:
         _refuse_expression(f"{where}.f", text)
     return {
         "f": texts[0] if len(set(texts)) == 1 else texts,
-        "R": None if R is None else _matrix(f"{where}.R", R, k, n),
-        "A": _matrix(f"{where}.A", term["A"], n, k),
+        "R": None if R is None else read_matrix(f"{where}.R", R, k, n),
+        "A": read_matrix(f"{where}.A", term["A"], n, k),
     }
 
 
@@ -234,54 +220,3 @@ def _refuse_expression(where: str, text: str | None) -> None:
         parse(text)
     except ExpressionError as error:
         raise FormatError(where, str(error)) from None
-
-
-def read_names(where: str, names: Any) -> list[str]:
-    """Return names, each once."""
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise FormatError(where, "a list of names is needed")
-    if len(set(names)) != len(names) or any(not name or len(name) > 200 or not name.isprintable() for name in names):
-        raise FormatError(where, "names are different, printable, and have 1 to 200 characters")
-    return list(names)
-
-
-def read_vector(where: str, values: Any, size: int) -> list[str]:
-    """Return numbers in canonical form, zeros where none are given."""
-    if values is None:
-        return [_ZERO] * size
-    if not isinstance(values, list) or len(values) != size:
-        raise FormatError(where, f"a list of {size} numbers is needed")
-    return [_hex(where, value) for value in values]
-
-
-def _matrix(where: str, rows: Any, height: int, width: int) -> list[list[str]]:
-    if rows is None:
-        return [[_ZERO] * width for _ in range(height)]
-    if not isinstance(rows, list) or len(rows) != height:
-        raise FormatError(where, f"a list of {height} rows is needed")
-    return [read_vector(f"{where}[{i}]", [] if row is None else row, width) for i, row in enumerate(rows)]
-
-
-def _hex(where: str, value: Any) -> str:
-    """One number as float.hex() text; minus zero becomes zero."""
-    if isinstance(value, str):
-        return _hex_text(where, value)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FormatError(where, f"{str(value)[:40]!r} is not a number")
-    try:
-        number = float(value)
-    except OverflowError:
-        raise FormatError(where, "an integer is too large for a binary64") from None
-    if not math.isfinite(number):
-        raise FormatError(where, f"{number} is not a finite number")
-    return (number + 0.0).hex()
-
-
-def _hex_text(where: str, text: str) -> str:
-    try:
-        number = float.fromhex(text)
-    except (ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number) or number.hex() != text:
-        raise FormatError(where, f"{text[:40]!r} is not a finite number as float.hex() writes it")
-    return (number + 0.0).hex()

@@ -4,9 +4,7 @@ The specification, with its proof, is in docs/certificate-format.md.
 """
 
 from collections.abc import Mapping, Sequence, Sized
-from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +24,8 @@ from persid_check.format import (
     require_fields,
 )
 from persid_check.model import Model, canonical_model, model_of, sha256_of
-from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes, nodes_of
+from persid_check.network_claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
+from persid_check.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
 from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.results import FormatError, NotProvedError
 from persid_check.sparse import FILLED_STATES, SparseModel, is_sparse, read_sparse
@@ -40,59 +39,6 @@ EXACT_WORK = 500_000  # coefficients times generators that are worth checking in
 PRODUCTS = 4  # of fractions, that a step counts for
 MAX_KINDS = 100_000
 MAX_DOUBTFUL = 20_000  # columns redone in fractions
-
-Forms = tuple[tuple[Fraction, ...], ...]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """The forms of the nodes with one list of functions; with an infeasible claim, the rays that they choose from."""
-
-    functions: Functions
-    forms: Forms
-    rays: Forms = ()
-
-
-@dataclass(frozen=True)
-class NetworkSubject:
-    """What the file is about: its claim, the model's canonical form and its nodes."""
-
-    claim: str
-    sha256: str
-    form: Mapping[str, Any]
-    model: Model | SparseModel
-    nodes: Nodes | Table
-    arrays: companion.Arrays
-
-
-@dataclass(frozen=True)
-class NetworkClaim:
-    """Claim L1: weights w and rate kappa, about x_ref or (`every`) about the equilibrium of every constant input."""
-
-    subject: NetworkSubject
-    every: bool
-    kinds: tuple[Kind, ...]
-    weights: "Sequence[Fraction] | ndarray"
-    kappa: Fraction
-
-    @cached_property
-    def spread(self) -> tuple[Fraction, Fraction]:
-        """The smallest and the largest weight."""
-        if isinstance(self.weights, tuple):
-            return min(self.weights), max(self.weights)
-        floats = _binary64(self.weights)
-        return Fraction(float(floats.min())), Fraction(float(floats.max()))
-
-
-@dataclass(frozen=True)
-class NetworkObstruction:
-    """Claim "L1-infeasible": z >= 0 and a ray for each node with M z >= 0."""
-
-    subject: NetworkSubject
-    kinds: tuple[Kind, ...]
-    z: "Sequence[Fraction] | ndarray"
-    choice: "Sequence[int] | ndarray"
-
 
 FIELDS = {
     "L1": (*COMMON, "operating_point", "kinds", "kappa", "weights", "companion"),
@@ -154,19 +100,10 @@ def _to_redo(claim: NetworkClaim, rays: Sequence[tuple[Vector, ...]]) -> tuple[S
         if nodes.entries * max(len(found) * len(found[0]) for found in rays) <= EXACT_WORK:
             return range(nodes.n), "in fractions"
         nodes = table_of(nodes)
-    left = doubtful(nodes, rays, _binary64(claim.weights), claim.kappa).tolist()
+    left = doubtful(nodes, rays, companion.binary64(claim.weights), claim.kappa).tolist()
     if len(left) > MAX_DOUBTFUL:
         raise NotProvedError("weights", f"{len(left)} nodes are in doubt after the bounded sums; more margin is needed")
     return left, f"{nodes.n - len(left)} nodes by bounded binary64 sums and {len(left)} in fractions"
-
-
-def _binary64(values: "Sequence[Fraction] | ndarray") -> "ndarray":
-    import numpy as np
-
-    floats = np.array([float(value) for value in values]) if isinstance(values, tuple) else np.asarray(values)
-    if isinstance(values, tuple) and any(Fraction(f) != v for f, v in zip(floats.tolist(), values, strict=True)):
-        raise NotProvedError("weights", "in a large network a weight must be a binary64")
-    return floats
 
 
 def prove_no_weights(claim: NetworkObstruction) -> tuple[str, tuple[str, ...]]:
@@ -251,7 +188,7 @@ def _sparse_gains(claim: NetworkClaim, model: SparseModel) -> tuple[list[Fractio
     """
     import numpy as np
 
-    w = _binary64(claim.weights)
+    w = companion.binary64(claim.weights)
     sums: ndarray = np.zeros(len(model.inputs))
     entries: ndarray = np.zeros(len(model.inputs), np.int64)
     if model.B is not None:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
+from persid_check.network_claims import NetworkClaim, NetworkObstruction, NetworkSubject
 from persid_check.sentences import SHOWN, counted, decimal, input_names, marked
-
-if TYPE_CHECKING:
-    from persid_check.network import NetworkClaim, NetworkObstruction, NetworkSubject
 
 
 def _model(subject: NetworkSubject) -> str:

@@ -13,8 +13,9 @@ from flint import arb, arb_mat, ctx, fmpq
 
 from persid_check.exact import Matrix
 from persid_check.expression import ExpressionError, Program, parse
+from persid_check.fields import read_names, read_vector, refuse_fields
 from persid_check.format import Stability, Subject, read_dyadics, read_list, read_object, read_text
-from persid_check.model import canonical_model, read_names, read_vector, refuse_fields, sha256_of
+from persid_check.model import canonical_model, sha256_of
 from persid_check.prover import prove_nondecreasing
 from persid_check.results import FormatError, NotProvedError
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from persid_check.format import Infeasibility, Point, Refutation, Stability, Subject
-
-if TYPE_CHECKING:
-    from persid_check.claims import Setting
+from persid_check.setting import Setting
 
 SHOWN = 12  # entries of a list that are printed
 

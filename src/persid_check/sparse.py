@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from persid_check.companion import Arrays, load
 from persid_check.expression import ExpressionError, parse
+from persid_check.fields import FIELDS, FORMAT, REQUIRED, read_names, read_vector, refuse_fields
 from persid_check.results import FormatError
 
 if TYPE_CHECKING:
@@ -65,8 +66,6 @@ class SparseModel:
 
     def form(self) -> dict[str, Any]:
         """Return the network form: every large array by its digest."""
-        from persid_check.model import FORMAT
-
         return {
             "format": FORMAT,
             "states": self.n if self.states is None else list(self.states),
@@ -123,8 +122,6 @@ def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    from persid_check.model import FIELDS, FORMAT, REQUIRED, read_names, read_vector, refuse_fields
-
     refuse_fields("model", data, (*FIELDS, "provenance"), REQUIRED)
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
@@ -311,8 +308,6 @@ def _digest(head: str, *arrays: "ndarray") -> str:
 
 def filled(model: SparseModel) -> dict[str, Any]:
     """Return a small model as a plain object with its matrices filled in."""
-    from persid_check.model import FORMAT
-
     n, m = model.n, len(model.inputs)
     states = [f"x{i + 1}" for i in range(n)] if model.states is None else list(model.states)
     return {

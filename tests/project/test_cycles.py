@@ -1,4 +1,4 @@
-"""Imports between the modules of persid, those inside functions and for types alone included."""
+"""Imports between the modules of persid, and of its checker, those inside functions and for types alone included."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter
@@ -10,7 +10,8 @@ SOURCE = Path(persid.__file__).parents[1]
 OPEN = {"persid"}  # its names are loaded when they are asked for
 MODULES = {
     ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in sorted((SOURCE / "persid").rglob("*.py"))
+    for package in ("persid", "persid_check")
+    for path in sorted((SOURCE / package).rglob("*.py"))
 }
 
 
@@ -38,7 +39,7 @@ def cycle(modules: dict[str, str]) -> list[str]:
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
-    """The imports of persid have no cycle, those inside functions and those for types alone included."""
+    """The imports of persid and its checker have no cycle, those inside functions and for types alone included."""
     texts = {name: path.read_text(encoding="utf-8") for name, path in MODULES.items() if name not in OPEN}
     assert cycle(texts) == []
 

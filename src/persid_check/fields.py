@@ -1,0 +1,74 @@
+"""Fields of a model's object: their names, and how each is read into canonical form."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from persid_check.results import FormatError
+
+FORMAT = "persid-model-1"
+FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
+REQUIRED = {"format", "states", "terms", "B"}
+_ZERO = (0.0).hex()
+
+
+def refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], required: set[str]) -> None:
+    """Refuse an object with another field, or without a required one."""
+    for name in data:
+        if name not in known:
+            raise FormatError(where, f"unknown field {str(name)[:60]!r}; known: {', '.join(known)}")
+    for name in sorted(required):
+        if name not in data:
+            raise FormatError(where, f"the field {name!r} is missing")
+
+
+def read_names(where: str, names: Any) -> list[str]:
+    """Return names, each once."""
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise FormatError(where, "a list of names is needed")
+    if len(set(names)) != len(names) or any(not name or len(name) > 200 or not name.isprintable() for name in names):
+        raise FormatError(where, "names are different, printable, and have 1 to 200 characters")
+    return list(names)
+
+
+def read_vector(where: str, values: Any, size: int) -> list[str]:
+    """Return numbers in canonical form, zeros where none are given."""
+    if values is None:
+        return [_ZERO] * size
+    if not isinstance(values, list) or len(values) != size:
+        raise FormatError(where, f"a list of {size} numbers is needed")
+    return [_hex(where, value) for value in values]
+
+
+def read_matrix(where: str, rows: Any, height: int, width: int) -> list[list[str]]:
+    """Return rows of numbers in canonical form, zeros where none are given."""
+    if rows is None:
+        return [[_ZERO] * width for _ in range(height)]
+    if not isinstance(rows, list) or len(rows) != height:
+        raise FormatError(where, f"a list of {height} rows is needed")
+    return [read_vector(f"{where}[{i}]", [] if row is None else row, width) for i, row in enumerate(rows)]
+
+
+def _hex(where: str, value: Any) -> str:
+    """One number as float.hex() text; minus zero becomes zero."""
+    if isinstance(value, str):
+        return _hex_text(where, value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise FormatError(where, f"{str(value)[:40]!r} is not a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise FormatError(where, "an integer is too large for a binary64") from None
+    if not math.isfinite(number):
+        raise FormatError(where, f"{number} is not a finite number")
+    return (number + 0.0).hex()
+
+
+def _hex_text(where: str, text: str) -> str:
+    try:
+        number = float.fromhex(text)
+    except (ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number) or number.hex() != text:
+        raise FormatError(where, f"{text[:40]!r} is not a finite number as float.hex() writes it")
+    return (number + 0.0).hex()
