@@ -52,7 +52,7 @@ def spend(steps: int) -> None:
     if account is not None:
         account.spent += steps
         if account.spent > account.limit:
-            raise NotProvedError("groups", "its proof takes too many steps: fewer or simpler forms are needed")
+            raise NotProvedError("file", "its proof takes too many steps: fewer or simpler forms are needed")
 
 
 _memories: list[Callable[[], None]] = []

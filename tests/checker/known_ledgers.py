@@ -138,9 +138,22 @@ def practical() -> Certificate:
     return with_proof(content)
 
 
+def below() -> Certificate:
+    """A point at rest beside x_ref, V = x^2 + int (x + 1) with V < 0 there: (y + 1 - y)^2 >= 1 is a supply below 0."""
+    model = model_object([("x+1", [[1]], [[-1.0]])], [[-2.0]], [[1.0]])
+    offset = {"offset": Fraction(33, 64), "upper": (1, 0)}
+    forms = curve([("x+1", 1)], ((-1, 1), "one-signed"), ((0, 1), "offset", offset), products=[(0, 0, -1)])
+    content = draft(Sketch(model, [forms], [point(0, {0: 1}, [0], [1])], [("constant", 0, 0)], "practical", 0.5))
+    content["P"] = {"lower": [[[1, 0]]]}
+    content["points"][0]["densities"] = [[1, [1, -1]]]
+    content["facts"]["constant"][0][2] = [1, -6]
+    content |= {"gamma": [64, 0], "p": [127, -7]}
+    return with_proof(content)
+
+
 OWN: dict[str, Callable[[], Certificate]] = {
     made.__name__: made
-    for made in (spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical)
+    for made in (spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below)
 }
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))
 

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 
 import numpy as np
 import pytest
@@ -88,6 +89,20 @@ def test_what_stays_without_inputs_is_called_practical() -> None:
     statement = check(data(content)).statement
     assert "practically" not in statement
     assert "is assumed, not proved" in statement
+
+
+def test_a_supply_below_zero_lowers_no_bound() -> None:
+    """The printed bound holds at time 0 where V is 1/2 and |x| is 1, though the supply of the facts is negative."""
+    statement = check(data(known_ledgers.load("below"))).statement
+    numbers = re.search(r"<= (\S+) max\(V\(x\(0\)\), 0\) .* \+ (\S+) for all t", statement)
+    assert float(numbers[1]) / 2 + float(numbers[2]) >= 1
+
+
+def test_outputs_in_a_region_are_bounded_from_points_of_the_region() -> None:
+    """A bound of an output in a region speaks of the solutions that start there, with inputs that are small enough."""
+    content = copy.deepcopy(known_ledgers.load("region"))
+    content["outputs"] = [{"row": [[0, [1, 0]]], "direct": [[0, 0]], "bound": [4, 0]}]
+    assert "for all t >= 0. For these, |1 (x1 - x1*)| <= " in check(data(content)).statement
 
 
 def test_a_region_speaks_of_the_point_that_is_not_known_exactly() -> None:

@@ -106,6 +106,7 @@ def _row(ledger: Ledger, p: int, k: int) -> Eta:
     """Return form k at point p, l'Phi_p, as a row over eta."""
     point, first = ledger.points[p], len(ledger.points)
     l = ledger.curves[point.curve].forms[k].l  # noqa: E741
+    spend(len(l))
     row = {p: l[0]}
     for c, value in zip(point.channels, l[1:], strict=True):
         row[first + c] = row.get(first + c, _ZERO) + value

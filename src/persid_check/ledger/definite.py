@@ -9,9 +9,13 @@ from fractions import Fraction
 
 from flint import fmpz_mat
 
-from persid_check.exact import Matrix
+from persid_check.exact import Matrix, matrix
+from persid_check.work import spend
 
 Factor = Sequence[Sequence[int]]
+
+BITS = 192  # of a summand of a bound
+_ZERO = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -21,13 +25,30 @@ class Definite:
     factor: Factor
     gaps: tuple[Fraction, ...]
 
-    def bound(self, row: Mapping[int, Fraction]) -> Fraction:
-        """Return a number >= r'M^-1 r, which is (T r)'C^-1 (T r)."""
-        total = Fraction(0)
-        for line, gap in zip(self.factor, self.gaps, strict=True):
-            entry = sum((line[j] * r for j, r in row.items() if j < len(line)), Fraction(0))
-            total += entry * entry / gap
-        return total
+    def bounds(self, rows: Sequence[Mapping[int, Fraction]]) -> list[Fraction]:
+        """Return a number >= r'M^-1 r = (T r)'C^-1 (T r) for each row; each summand is rounded up, to BITS bits."""
+        size = len(self.gaps)
+        spend(len(rows) * size)
+        R = matrix([[row.get(j, _ZERO) for j in range(size)] for row in rows], size)
+        products = R * Matrix(lower_triangular(self.factor).transpose(), 0)
+        return [
+            sum((_quotient_up(products.entry(i, j), gap) for j, gap in enumerate(self.gaps)), _ZERO)
+            for i in range(len(rows))
+        ]
+
+
+def _quotient_up(entry: Fraction, gap: Fraction) -> Fraction:
+    """Return entry**2 / gap, rounded up to about BITS bits."""
+    above, below = entry.numerator**2 * gap.denominator, entry.denominator**2 * gap.numerator
+    shift = BITS + below.bit_length() - above.bit_length()
+    lifted = -(-(above << max(shift, 0)) // (below << max(-shift, 0)))
+    return Fraction(lifted) / Fraction(2) ** shift
+
+
+def lower_triangular(T: Factor) -> fmpz_mat:
+    """Return the square matrix of lower rows."""
+    size = len(T)
+    return fmpz_mat(size, size, [v for i, row in enumerate(T) for v in (*row, *(0,) * (size - 1 - i))])
 
 
 def proof_of(M: Matrix, T: Factor) -> Definite | None:
@@ -39,7 +60,7 @@ def proof_of(M: Matrix, T: Factor) -> Definite | None:
         return None
     if not size:
         return Definite((), ())
-    factor = Matrix(fmpz_mat(size, size, [v for i, row in enumerate(T) for v in (*row, *(0,) * (size - 1 - i))]), 0)
+    factor = Matrix(lower_triangular(T), 0)
     C = factor * M * factor.T
     rows = C.entries.table()
     heads = [int(rows[i][i]) for i in range(size)]

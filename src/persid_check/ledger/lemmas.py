@@ -6,6 +6,7 @@ in an interval. Its *quantity* q(y) must be >= 0 on every piece; which one, its 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
@@ -62,12 +63,12 @@ class Lemma:
             return self._added_up(cuts, domain)
         for a, b in pairwise(cuts):
             if not self.holds_on(a, b):
-                return f"on the piece from {float(a):.6g} to {float(b):.6g}"
+                return f"on the piece from {_shown(a)} to {_shown(b)}"
         return None if domain is not None else self._unproved_ends(cuts)
 
     def _unproved_ends(self, cuts: Cuts) -> str | None:
         ends = ((cuts[0], -1), (cuts[-1], 1))
-        return next((f"beyond {float(t):.6g}" for t, sign in ends if not self.holds_beyond(abs(t), sign)), None)
+        return next((f"beyond {_shown(t)}" for t, sign in ends if not self.holds_beyond(abs(t), sign)), None)
 
     def _added_up(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
         """The gap is the allowance at the centre and rises by at least q times the width, outward on both sides."""
@@ -75,14 +76,14 @@ class Lemma:
         pieces = list(pairwise(cuts))
         for a, b in pieces:
             if a < high and b > low and not self.holds_on(a, b):  # the germ: the gap does not fall there
-                return f"on the piece from {float(a):.6g} to {float(b):.6g}"
+                return f"on the piece from {_shown(a)} to {_shown(b)}"
         for side in ([p for p in pieces if p[0] >= high], [p for p in pieces[::-1] if p[1] <= low]):
             gap = constant(self.allowance)
             for a, b in side:
                 least = self._least_on(a, b)
                 gap = gap if least is None else gap + constant(b - a) * least
                 if least is None or not gap.lo >= 0:
-                    return f"the sum over the piece from {float(a):.6g} to {float(b):.6g}"
+                    return f"the sum over the piece from {_shown(a)} to {_shown(b)}"
         return None if domain is not None else self._unproved_ends(cuts)
 
     def _least_on(self, a: Fraction, b: Fraction) -> Interval | None:
@@ -230,6 +231,7 @@ def _value(functions: Functions, form: Form, y: E) -> E:
 
 def vanishes(functions: Functions, form: Form) -> bool:
     """Whether l'phi(0) = 0, by exact evaluation."""
+    spend(sum((len(program) for program, _ in functions), 1))
     try:
         at = _value(functions, form, constant(_ZERO))
     except UndefinedError:
@@ -249,10 +251,10 @@ class Product:
         """Return where it is not proved."""
         for a, b in pairwise(cuts):
             if not self.holds_on(a, b):
-                return f"on the piece from {float(a):.6g} to {float(b):.6g}"
+                return f"on the piece from {_shown(a)} to {_shown(b)}"
         ends = ((cuts[0], -1), (cuts[-1], 1))
         return next(
-            (f"beyond {float(t):.6g}" for t, sign in ends if not (sign * t > 0 and self.holds_beyond(abs(t), sign))),
+            (f"beyond {_shown(t)}" for t, sign in ends if not (sign * t > 0 and self.holds_beyond(abs(t), sign))),
             None,
         )
 
@@ -291,11 +293,11 @@ def discontinuous(functions: Functions, cuts: Cuts, ends: tuple[Fraction, Fracti
         for a, b in pairwise(cuts):
             spend(len(program))
             if not _runs(program, alpha, between(a, b)):
-                return f"on the piece from {float(a):.6g} to {float(b):.6g}"
+                return f"on the piece from {_shown(a)} to {_shown(b)}"
         for end, sign in () if ends is not None else ((cuts[0], -1), (cuts[-1], 1)):
             spend(EXPANSION * len(program))
             if not _runs(program, alpha, variable(abs(end), sign, inverse=False)):
-                return f"beyond {float(end):.6g}"
+                return f"beyond {_shown(end)}"
     return None
 
 
@@ -342,6 +344,11 @@ def _applied(name: str, exponent: Fraction | None, a: int | None) -> int | None:
     if name == "**":
         return None if exponent is None or exponent.denominator != 1 else exponent.numerator % 2
     return 1 if name in _ODD else 0 if name in _EVEN else None
+
+
+def _shown(t: Fraction) -> str:
+    """A cut in words, however large it is."""
+    return f"{Context(prec=6).divide(Decimal(t.numerator), Decimal(t.denominator)):g}"
 
 
 def positions(cuts: Sequence[int], exponent: int) -> Cuts:

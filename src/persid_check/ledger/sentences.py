@@ -72,7 +72,8 @@ def _gain(ledger: Ledger, unit: Fraction, size: str | None = None) -> str:
     inputs = input_names(ledger.model.inputs)
     names = [f"sup|{name} difference|" if size else f"sup|{name} - {name}*|" for name in inputs]
     names += ["1"] * (ledger.counts_b and size is None)
-    return " + ".join(f"{root(row[-1] / unit)} {name}" for row, name in zip(ledger.gamma, names, strict=False))
+    parts = [f"{root(row[-1] / unit)} {name}" for row, name in zip(ledger.gamma, names, strict=False)]
+    return " + ".join(parts) or "0"
 
 
 def _spread(ledger: Ledger, unit: Fraction) -> str:
@@ -114,7 +115,7 @@ def _finally(ledger: Ledger, proved: Proved) -> str:
     matrices, rest = proved.assembly, _ZERO
     rest += sum((deviation.s * deviation.epsilon**2 for deviation in ledger.deviations), _ZERO)
     rest += matrices.supply + ledger.kappa * matrices.above
-    constant = (rest / ledger.kappa + matrices.below) / ledger.p
+    constant = (max(rest, _ZERO) / ledger.kappa + matrices.below) / ledger.p
     inputs = _gain(ledger, ledger.kappa * ledger.p)
     return (
         f"|x(t) - x_ref|^2 <= {decimal(1 / ledger.p)} max(V(x(0)), 0) exp(-{decimal(ledger.kappa, up=False)} t)"
@@ -140,7 +141,8 @@ def _outputs(ledger: Ledger) -> Iterator[str]:
         inputs = _gain(ledger, ledger.kappa / bound) if bound > 0 else "0"
         spread = _spread(ledger, ledger.kappa / bound) if bound > 0 else ""
         through = f" + {decimal(size)} sup|u - u*|" if size else ""
-        yield f"|{terms}{direct}| <= {start} + {inputs}{spread}{through}."
+        there = "For these, " if ledger.claim == "region" else ""
+        yield f"{there}|{terms}{direct}| <= {start} + {inputs}{spread}{through}."
 
 
 def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:

@@ -3,18 +3,20 @@
 from dataclasses import dataclass
 from fractions import Fraction
 
-from flint import fmpq, fmpq_mat
+from flint import nmod_mat
 
 from persid_check.equilibrium import has_unique_equilibrium
-from persid_check.exact import Matrix, diagonal
+from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.definite import Definite, proof_of
-from persid_check.ledger.lemmas import Lemma, Product, discontinuous, is_odd, vanishes
-from persid_check.ledger.values import Curve, Fact, Form, Ledger, Point, Row
+from persid_check.ledger.lemmas import Lemma, Product, discontinuous
+from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Point, Row
 from persid_check.results import NotProvedError
+from persid_check.work import spend
 
 SQUARINGS = 4  # Gamma^16: its trace bounds the 16th power of the largest eigenvalue
-RISING = ("nondecreasing", "rising")
+BITS = 128  # of Gamma's trace, to which its entries are rounded before
+PRIME = 2**61 - 1  # the rank modulo a prime is at most the rank
 _ZERO, _HALF, _ONE = Fraction(0), Fraction(1, 2), Fraction(1)
 
 
@@ -93,8 +95,8 @@ def _curve(where: str, curve: Curve) -> None:
     ends = None if domain is None else (middle - radius + domain[0], middle + radius + domain[1])
     if reason := discontinuous(curve.functions, curve.continuous, ends):
         raise NotProvedError(f"{where}.continuous", f"no proof that the functions are continuous: {reason}")
-    for k, form in enumerate(curve.forms):
-        _form(f"{where}.forms[{k}]", curve, form)
+    for k in range(len(curve.forms)):
+        _form(f"{where}.forms[{k}]", curve, k)
     for j, product in enumerate(curve.products):
         if curve.shift is not None or domain is not None:
             raise NotProvedError(f"{where}.products[{j}]", "a product with a constant is not shifted, and on all of R")
@@ -103,13 +105,14 @@ def _curve(where: str, curve: Curve) -> None:
             raise NotProvedError(f"{where}.products[{j}]", f"it is not proved: {reason}")
 
 
-def _form(where: str, curve: Curve, form: Form) -> None:
+def _form(where: str, curve: Curve, k: int) -> None:
+    form = curve.forms[k]
     if curve.shift == "any" and form.kind not in RISING:
         raise NotProvedError(where, "with any centre a form is nondecreasing or rising")
     if reason := _lemma(curve, form, form.kind, allowance=form.offset).unproved(form.cuts, curve.domain):
         raise NotProvedError(where, f"no proof that it is {form.kind}: {reason}")
     upper = form.upper
-    if upper is not None and not _is_free(curve, form):
+    if upper is not None and not _is_free(curve, k):
         if upper.cuts is None:
             raise NotProvedError(f"{where}.upper", "such a bound needs cuts")
         if curve.shift == "any":
@@ -120,7 +123,7 @@ def _form(where: str, curve: Curve, form: Form) -> None:
     if form.lower is not None:
         d, j = form.lower
         other = curve.forms[j]
-        if (form.l[0] - d, *form.l[1:]) != other.l or not (_is_sector(curve, other) or other.kind == "offset"):
+        if (form.l[0] - d, *form.l[1:]) != other.l or not (curve.is_sector(j) or other.kind == "offset"):
             raise NotProvedError(f"{where}.lower", "form j must be l - d e_0, a sector form or one with an offset")
 
 
@@ -132,25 +135,15 @@ def _lemma(curve: Curve, form: Form, kind: str, **numbers: Fraction) -> Lemma:
     return Lemma(curve.functions, form.l, kind, centre, **numbers)
 
 
-def _is_free(curve: Curve, form: Form) -> bool:
+def _is_free(curve: Curve, k: int) -> bool:
     """Whether a bound of the integral needs no proof: c >= 1 of a nondecreasing form, c >= 1/2 of a multiple of y."""
+    form = curve.forms[k]
     upper = form.upper
     if upper is None or upper.cuts is not None:
         return False
     if not any(form.l[1:]) and form.l[0] >= 0 and upper.c >= _HALF:
         return True
-    return form.kind in RISING and upper.c >= 1 and _rests(curve, form)
-
-
-def _rests(curve: Curve, form: Form) -> bool:
-    """Whether l'Phi(0) = 0: by itself where something is subtracted, else by exact evaluation."""
-    return curve.shift is not None or vanishes(curve.functions, form.l)
-
-
-def _is_sector(curve: Curve, form: Form) -> bool:
-    if form.kind in ("sector", "growing"):
-        return True
-    return form.kind in RISING and _rests(curve, form)
+    return form.kind in RISING and upper.c >= 1 and curve.resting[k]
 
 
 def _point(ledger: Ledger, p: int) -> None:
@@ -159,6 +152,7 @@ def _point(ledger: Ledger, p: int) -> None:
     curve = ledger.curves[point.curve]
     for c, (program, alpha) in zip(point.channels, curve.functions, strict=True):
         channel = ledger.model.channels[c]
+        spend(len(channel.row))
         if channel.program != program:
             raise NotProvedError(where, f"channel {c} has another function")
         if {i: r for i, r in channel.row.items() if r} != {i: alpha * r for i, r in point.row.items()}:
@@ -176,6 +170,7 @@ def centre(ledger: Ledger, point: Point) -> tuple[Fraction, Fraction]:
     ball = ledger.ball
     if ball is None:
         return _ZERO, _ZERO
+    spend(len(point.row))
     middle = sum((r * (ball.x[i] - ledger.model.x_ref[i]) for i, r in point.row.items()), _ZERO)
     return middle, ball.radius * sum((abs(r) for r in point.row.values()), _ZERO)
 
@@ -195,7 +190,7 @@ def _fact(ledger: Ledger, fact: Fact, where: str) -> None:
             raise NotProvedError(where, "constants belong to claim practical")
         return  # proved with its curve, which is not shifted and on all of R
     forms = curves[0].forms[fact.k], curves[1].forms[fact.l]
-    if fact.kind == "value" and not all(_is_sector(curves[0], form) for form in forms):
+    if fact.kind == "value" and not all(curves[0].is_sector(k) for k in (fact.k, fact.l)):
         raise NotProvedError(where, "both forms must be sector forms")
     if fact.kind == "one_signed" and not all(form.kind == "one-signed" for form in forms):
         raise NotProvedError(where, "both forms must be one-signed")
@@ -210,7 +205,7 @@ def _equal_centres(ledger: Ledger, curve: Curve, points: tuple[Point, Point], si
     if any(radius for _, radius in balls) or balls[0] != balls[1]:
         raise NotProvedError(where, "the two points are not proved to have the same centre")
     if sign > 0:
-        if not is_odd(curve.functions) or balls[0][0]:
+        if not curve.odd or balls[0][0]:
             raise NotProvedError(where, "a sum needs odd functions that are not shifted")
         if curve.domain is not None and curve.domain[0] != -curve.domain[1]:
             raise NotProvedError(where, "a sum needs a symmetric domain")
@@ -221,7 +216,7 @@ def _densities(ledger: Ledger, p: int, point: Point) -> None:
     curve = ledger.curves[point.curve]
     for k, mu in point.densities:
         form, where = curve.forms[k], f"points[{p}].densities, form {k}"
-        if mu and form.lower is None and not (_is_sector(curve, form) or form.kind == "offset"):
+        if mu and form.lower is None and not (curve.is_sector(k) or form.kind == "offset"):
             raise NotProvedError(where, "a density is a sector form, or has an offset or a lower bound")
         below = form.offset if form.lower is None else curve.forms[form.lower[1]].offset
         above = _ZERO if form.upper is None else form.upper.e
@@ -268,9 +263,14 @@ def _spanning(ledger: Ledger, states: list[int], P: Matrix) -> None:
     rows: list[Row] = [{i: _ONE} for i in states]
     for p, k in ledger.spanning:
         rows.append(_spanning_row(ledger, p, k, dropped))
-    flat = [fmpq(v.numerator, v.denominator) for row in rows for v in (row.get(i, _ZERO) for i in range(n))]
-    if fmpq_mat(len(rows), n, flat).rank() < n:
+    flat = [_residue(row.get(i, _ZERO)) for row in rows for i in range(n)]
+    if nmod_mat(len(rows), n, flat, PRIME).rank() < n:
         raise NotProvedError("spanning", "kept states and rows of growing forms do not span the state space")
+
+
+def _residue(value: Fraction) -> int:
+    """Return a dyadic number modulo the prime."""
+    return value.numerator * pow(value.denominator, -1, PRIME) % PRIME
 
 
 def _spanning_row(ledger: Ledger, p: int, k: int, dropped: set[int]) -> Row:
@@ -278,7 +278,8 @@ def _spanning_row(ledger: Ledger, p: int, k: int, dropped: set[int]) -> Row:
     point = ledger.points[p]
     curve = ledger.curves[point.curve]
     form, n = curve.forms[k], ledger.model.n
-    grows = form.kind == "growing" or (form.kind == "rising" and _rests(curve, form))
+    spend(len(point.densities) + len(form.l) + n)
+    grows = form.kind == "growing" or (form.kind == "rising" and curve.resting[k])
     if not grows or not any(mu and density == k for density, mu in point.densities):
         raise NotProvedError("spanning", f"form {k} of point {p} is not growing, or not in V")
     reads = {n + c for c, value in zip(point.channels, form.l[1:], strict=True) if value}
@@ -297,8 +298,10 @@ def _bounds(ledger: Ledger, matrices: Assembly) -> None:
         raise NotProvedError("proof.V", "Pt is not proved positive definite")
     if ledger.claim == "region":
         _region(ledger, matrices, bounding)
-    for i, output in enumerate(ledger.outputs):
-        if bounding.bound(output.row) > output.bound:
+    for i, (output, bound) in enumerate(
+        zip(ledger.outputs, bounding.bounds([output.row for output in ledger.outputs]), strict=True)
+    ):
+        if bound > output.bound:
             raise NotProvedError(f"outputs[{i}]", "the bound is not proved")
 
 
@@ -309,11 +312,12 @@ def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
 
 
 def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
-    for row, lo, hi in strips(ledger):
+    sides = strips(ledger)
+    for (_, lo, hi), bound in zip(sides, bounding.bounds([row for row, *_ in sides]), strict=True):
         h = min(-lo, hi)
         if h <= 0:
             raise NotProvedError("strips", "each strip holds 0 inside")
-        if ledger.level * bounding.bound(row) >= h * h:
+        if ledger.level * bound >= h * h:
             raise NotProvedError("level", "the level set is not proved to stay off every face")
     supply = sum((deviation.s * deviation.epsilon**2 for deviation in ledger.deviations), _ZERO)
     room = ledger.kappa * ledger.level - supply
@@ -325,10 +329,23 @@ def _largest(ledger: Ledger, matrices: Assembly) -> Fraction:
     """Return at least the 16th power of Gamma's largest eigenvalue."""
     if isinstance(ledger.gamma, Fraction):
         return ledger.gamma**16
-    power = matrices.gamma
+    power = _rounded_up(matrices.gamma)
     for _ in range(SQUARINGS):
         power = power * power
     return sum((power.entry(i, i) for i in range(power.height)), _ZERO)
+
+
+def _rounded_up(gamma: Matrix) -> Matrix:
+    """Return a matrix of short numbers that is at least gamma >= 0, whose entries are at most its trace 2**b.
+
+    Each entry is rounded down by less than h = 2**(b - BITS); the norm of what is lost is at most h times the size.
+    """
+    size = gamma.height
+    trace = sum((gamma.entry(i, i) for i in range(size)), _ZERO)
+    b = trace.numerator.bit_length() - trace.denominator.bit_length() + 1
+    h = Fraction(2) ** (b - BITS)
+    rows = [[h * (gamma.entry(i, j) // h + size * (i == j)) for j in range(size)] for i in range(size)]
+    return matrix(rows, size)
 
 
 def _used(ledger: Ledger) -> list[tuple[Curve, Form]]:

@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
-from persid_check.ledger.lemmas import Cuts, Functions
+from persid_check.ledger.lemmas import Cuts, Functions, is_odd, vanishes
 from persid_check.model import Model
+
+RISING = ("nondecreasing", "rising")
 
 Row = Mapping[int, Fraction]
 Factor = tuple[tuple[int, ...], ...]
@@ -54,6 +57,21 @@ class Curve:
     continuous: Cuts
     forms: tuple[Form, ...]
     products: tuple[ProductForm, ...]
+
+    @cached_property
+    def resting(self) -> tuple[bool, ...]:
+        """Whether l'Phi(0) = 0, form by form: of itself where something is subtracted, else by exact evaluation."""
+        return tuple(self.shift is not None or vanishes(self.functions, form.l) for form in self.forms)
+
+    @cached_property
+    def odd(self) -> bool:
+        """Whether every function is odd by its form."""
+        return is_odd(self.functions)
+
+    def is_sector(self, k: int) -> bool:
+        """Whether form k is a sector form: as it says, or because it does not fall and rests at 0."""
+        kind = self.forms[k].kind
+        return kind in ("sector", "growing") or (kind in RISING and self.resting[k])
 
 
 @dataclass(frozen=True)
