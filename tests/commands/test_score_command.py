@@ -94,4 +94,4 @@ def test_files_that_were_kept_get_the_states_that_the_fit_appends(
     assert cli.main(["score", "out/model.json", "b.csv", "--derivatives", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scores"]["rows"] == found["scores"]["rows"]
     assert cli.main(["score", "out/model.json", "b.csv"]) == 2
-    assert "no column 'd(x)/dt'" in capsys.readouterr().err
+    assert "no column 'x_dot'" in capsys.readouterr().err

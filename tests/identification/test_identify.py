@@ -219,7 +219,7 @@ def test_velocities_and_delays_are_appended_by_name():
     """derivatives=1 and delays=k enlarge the state, and the names say how."""
     data = traffic()
     fit = PersidskiiIdentifier(["x"], derivatives=1, delays=1, ridge=1e-3).fit(data)
-    assert fit.model_.states == ("x1", "x2", "d(x1)/dt", "d(x2)/dt", "x1(t-1)", "x2(t-1)")
+    assert fit.model_.states == ("x1", "x2", "x1_dot", "x2_dot", "x1(t-1)", "x2(t-1)")
     oscillator = PersidskiiModel([[0, 1], [-4, -0.2]], states=["q", "v"])
     run = oscillator.simulate([1, 0], np.arange(800) * 0.02)[0]
     measured = Trajectories.from_arrays(run.x[:, :1], dt=0.02, states=["q"])

@@ -82,17 +82,21 @@ class Frame:
     def given(self) -> Coefficients:
         """The fixed coefficients, 0 elsewhere; a fixed number holds wherever its parameter is shared."""
         number = self.gram.structure.parameter
-        values = np.zeros(number.shape)
+        values = self.gram.structure.given.copy()
         for j, i in np.argwhere(np.isfinite(self.fixed)):
             values[number == number[j, i]] = self.fixed[j, i]
             values[j, i] = self.fixed[j, i]
         return values
 
     def theta(self, w: Float[ndarray, " K"]) -> Coefficients:
-        """Return the coefficients of all columns, the constant of an anchored frame included."""
+        """Return the coefficients of all columns, the constant of an anchored frame included.
+
+        That of a known equation is what it is: an anchor is an equilibrium, where the velocity is 0.
+        """
         theta = np.where(self.parameter >= 0, w[self.parameter], self.given)
         if self.anchor is not None:
-            theta[-1] = -self.values @ theta[: len(self.values)]
+            known = self.gram.structure.known
+            theta[-1] = np.where(known, self.given[-1], -self.values @ theta[: len(self.values)])
         return theta
 
     def unknowns(self, theta: Coefficients) -> Float[ndarray, " K"]:

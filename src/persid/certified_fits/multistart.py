@@ -284,7 +284,7 @@ def damped_linear(frame: Frame) -> Coefficients:
     gram, basis = frame.gram, frame.gram.basis
     kinds = np.array([column.kind for column in basis.columns])
     parameter = np.where((kinds == "function")[:, None], -1, gram.structure.parameter)
-    theta = replace(gram, structure=Structure.of(parameter), root=None).solve(frame.ridge)
+    theta = replace(gram, structure=Structure.of(parameter, gram.structure.given), root=None).solve(frame.ridge)
     states = [column.state for column in basis.columns[: basis.state_columns]]
     linear = np.flatnonzero(kinds == "linear")
     A0 = basis.model(theta).A0
@@ -298,7 +298,9 @@ def damped_linear(frame: Frame) -> Coefficients:
     inverse *= DAMPING * scale / np.abs(inverse).max()
     for j in np.flatnonzero(kinds == "function"):
         theta[j] = -inverse[:, states[j]]
-    return np.where(np.isfinite(frame.fixed), frame.fixed, np.where(gram.structure.parameter >= 0, theta, 0.0))
+    return np.where(
+        np.isfinite(frame.fixed), frame.fixed, np.where(gram.structure.parameter >= 0, theta, gram.structure.given)
+    )
 
 
 def _descent(task: Task, frame: Frame, theta: Coefficients, bar: float) -> _End:

@@ -81,6 +81,7 @@ def run(
     """
     from persid.certified_fits.delivery import Delivery, deliver, trial
     from persid.commands.score import other_files, unseen_scores
+    from persid.identification.derivatives import velocity_names
     from persid.identification.identifier import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
@@ -112,6 +113,8 @@ def run(
         found = files_of(list(data))
         states = {name: chosen.pop(name) for name in ("derivatives", "delays")}
         measured = without_still_inputs(embedded(read_measurements(found, **how), **states))
+        if states["derivatives"] and chosen["velocities"] == "auto":
+            chosen["velocities"] = velocity_names(measured.states[: len(how["states"])])
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)

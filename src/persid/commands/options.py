@@ -93,6 +93,23 @@ class Given(ParamType):
         return value if value == "auto" else self.kind.convert(value, param, ctx)
 
 
+class Velocities(click.ParamType[Any]):
+    """Pairs of a state and its derivative, "auto" or "none"."""
+
+    name = "pairs|auto|none"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split at commas and read each pair."""
+        if value in ("auto", None):
+            return value
+        if value.lower() == "none":
+            return None
+        pairs = [[part.strip() for part in pair.split("=")] for pair in value.split(",")]
+        if any(len(pair) != 2 or not all(pair) for pair in pairs):
+            self.fail(f'{value!r} is no list of pairs such as "phi=omega"', param, ctx)
+        return dict(pairs)
+
+
 class Pattern(ParamType):
     """Rows of 0 and 1, separated by semicolons."""
 
@@ -207,12 +224,15 @@ fitting = together(
     click.option("--constant/--no-constant", default=True, show_default=True, help="Whether there is a constant term."),
     click.option("--pattern", type=Pattern(),
                  help='Which state may influence which: rows of 0 and 1, such as "1,0; 1,1".'),
+    click.option("--velocities", type=Velocities(), default="auto", show_default=True,
+                 help="States that are derivatives of others, whose equations are then known: phi=omega; auto: those "
+                      "that --derivatives appends; none."),
     click.option("--shared", is_flag=True, help="One set of coefficients along a chain of equal nodes."),
     click.option("--allow-underdetermined", is_flag=True,
                  help="Take the smallest of many exact fits instead of refusing."),
 )  # fmt: skip
 FIT_OPTIONS = ("hold", "derivatives", "delays", "window", "x_ref", "scale", "constant", "pattern", "shared",
-               "allow_underdetermined")  # fmt: skip
+               "velocities", "allow_underdetermined")  # fmt: skip
 
 
 def fit_options(how: dict[str, Any]) -> dict[str, Any]:

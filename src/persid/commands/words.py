@@ -8,9 +8,9 @@ OPTIONS = {
     name: "--" + name.replace("_", "-")
     for name in (
         "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
-        "shared", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine", "operating_point",
-        "u_op", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order", "neurons", "activation",
-        "min_rate", "max_output_gain",
+        "shared", "velocities", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine",
+        "operating_point", "u_op", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
+        "neurons", "activation", "min_rate", "max_output_gain",
     )
 } | {"run": "--run-column", "output": "--output-map"}  # fmt: skip
 ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")

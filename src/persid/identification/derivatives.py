@@ -1,5 +1,7 @@
 """Derivatives of measured signals by local polynomials, at any spacing; and states that were not measured."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -41,7 +43,7 @@ def _fit(t: ndarray, x: ndarray, first: ndarray, width: int, offset: int) -> tup
 def embed(data: Trajectories, derivatives: int = 0, delays: int = 0, half_width: int = 2) -> Trajectories:
     """Append smoothed velocities (`derivatives=1`) and copies delayed by 1 ... `delays` samples to the states.
 
-    The states are then named, for a state theta: theta, d(theta)/dt, theta(t-1), theta(t-2) ... in samples.
+    The states are then named, for a state theta: theta, theta_dot, theta(t-1), theta(t-2) ... in samples.
 
     Raises:
         DataError: derivatives is neither 0 nor 1, delays is negative, or a run is too short.
@@ -51,9 +53,19 @@ def embed(data: Trajectories, derivatives: int = 0, delays: int = 0, half_width:
     if not derivatives and not delays:
         return data
     runs = tuple(_embedded(run, derivatives, delays, half_width) for run in data)
-    names = [f"d({name})/dt" for name in data.states] if derivatives else []
+    names = list(velocity_names(data.states).values()) if derivatives else []
+    if doubled := [name for name in names if name in data.states]:
+        raise DataError(
+            f"derivatives=1 appends {', '.join(doubled)}, which is a state already; leave it out of the states, or "
+            "leave derivatives out"
+        )
     names += [f"{name}(t-{k})" for k in range(1, delays + 1) for name in data.states]
     return Trajectories(runs, (*data.states, *names), data.inputs, data.notes)
+
+
+def velocity_names(states: Sequence[str]) -> dict[str, str]:
+    """Return the names of the velocities that `embed` appends, by those of the states."""
+    return {name: f"{name}_dot" for name in states}
 
 
 def _embedded(run: Trajectory, derivatives: int, delays: int, half_width: int) -> Trajectory:

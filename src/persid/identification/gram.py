@@ -88,7 +88,7 @@ class Gram:
             states = np.flatnonzero((used == pattern[:, None]).all(axis=0))
             solutions = self._solve_columns(pattern, states, ridges)
             out[np.ix_(np.arange(len(ridges)), np.flatnonzero(pattern), states)] = solutions
-        return out
+        return out + self.structure.given
 
     def _solve_columns(self, used: ndarray, states: ndarray, ridges: ndarray) -> ndarray:
         """Solve (C + ridge) w = c in units where every column has mean square 1, then put the constant back."""
@@ -138,7 +138,7 @@ class Gram:
         diagonal = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
         A = (M + ridge * np.diag(penalty)) / np.outer(diagonal, diagonal)
         parameters = _ridge_path(A, (h / diagonal)[:, None], np.zeros(1))[0, :, 0] / diagonal
-        return np.where(number >= 0, parameters[number], 0.0)
+        return np.where(number >= 0, parameters[number], self.structure.given)
 
 
 def _ridge_path(C: ndarray, c: ndarray, ridges: ndarray) -> ndarray:

@@ -16,7 +16,7 @@ from persid.errors import DataError, PersidError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
-from persid.identification.derivatives import embed
+from persid.identification.derivatives import embed, velocity_names
 from persid.identification.diagnostics import FitReport
 from persid.identification.estimators import METHODS, estimator
 from persid.identification.gram import Gram, refuse_underdetermined
@@ -78,6 +78,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     hold: "zoh", inputs are held from sample to sample, or "paper", they vary between samples.
     constant: whether there is a b.
     pattern: boolean n x n, whether state j may influence state i.  shared: one set of coefficients along a chain.
+    velocities: states that are derivatives of others, {"phi": "omega"}: phi' = omega is known, nothing of it is fitted;
+        "auto": those that `derivatives` appends (theta, theta_dot), None: none.
     derivatives, delays: append smoothed velocities (1), or copies delayed by 1 ... delays samples, to the states.
     threshold: None, or the share of the largest scaled coefficient of an equation below which coefficients become 0.
     refine: whether to polish the coefficients by least squares through the differential equation.
@@ -108,6 +110,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         constant: bool = True,
         pattern: Any = None,
         shared: bool = False,
+        velocities: Any = "auto",
         derivatives: int = 0,
         delays: int = 0,
         threshold: float | int | None = None,
@@ -127,6 +130,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.constant = constant
         self.pattern = pattern
         self.shared = shared
+        self.velocities = velocities
         self.derivatives = derivatives
         self.delays = delays
         self.threshold = threshold
@@ -195,11 +199,17 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def _problem(self, data: Measurements, y: Any) -> Problem:
         basis = choose_basis(data, self.functions, self.x_ref, self.scale)
-        structure = make_structure(basis, self.pattern, self.shared, self.constant)
+        structure = make_structure(basis, self.pattern, self.shared, self.constant, self._velocities(data))
         parts = partition(data, self.holdout)
         regression = self._estimator.regression(data, basis, parts, self._options(y))
         number = int(np.clip(MOST_NUMBERS / basis.size**2, FOLDS + 1, BLOCKS))
         return Problem(data, basis, structure, parts, blocks(parts, number), regression)
+
+    def _velocities(self, data: Measurements) -> dict[str, str]:
+        if self.velocities != "auto":
+            return dict(self.velocities or {})
+        measured = data.states[: len(data.states) // (1 + self.derivatives + self.delays)]
+        return velocity_names(measured) if self.derivatives else {}
 
     def _solve(self, problem: Problem) -> Solution:
         grams = problem.grams()

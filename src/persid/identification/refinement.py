@@ -69,12 +69,12 @@ def refine(
 ) -> Float[ndarray, "p n"]:
     """Return coefficients of least free-run error over pieces of 100 samples, plus the ridge's distance from theta.
 
-    Jacobians are exact: the Runge-Kutta steps are differentiated with their states. Zero coefficients stay zero.
+    Jacobians are exact: the Runge-Kutta steps are differentiated with their states. Zero and known coefficients stay.
 
     Raises:
         DataError: more than 2000 coefficients, or coefficients that are shared.
     """
-    free = np.flatnonzero((theta != 0).ravel())
+    free = np.flatnonzero(((theta != 0) & (gram.structure.parameter >= 0)).ravel())
     if len(free) > MOST_PARAMETERS or not gram.structure.is_separate:
         raise DataError(f"refine=True works for at most {MOST_PARAMETERS} coefficients, not shared; here {len(free)}")
     pieces = Pieces.of(data, hold)
@@ -100,9 +100,9 @@ def refine(
 
 
 def _filled(theta: ndarray, free: ndarray, w: ndarray) -> ndarray:
-    full = np.zeros(theta.size)
-    full[free] = w
-    return full.reshape(theta.shape)
+    full = theta.copy()
+    full.ravel()[free] = w
+    return full
 
 
 def _flow(basis: Basis, theta: ndarray, pieces: Pieces, free: Int[ndarray, " k"]) -> tuple[ndarray, ndarray]:

@@ -120,7 +120,7 @@ def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[
         if not (small & (gram.structure.parameter >= 0)).any():
             break
         parameter = np.where(small, -1, gram.structure.parameter)
-        gram = replace(gram, structure=Structure.of(parameter))
+        gram = replace(gram, structure=Structure.of(parameter, gram.structure.given))
         theta = gram.solve(ridge)
     return theta
 

@@ -1,0 +1,62 @@
+"""Velocities: equations x1' = x2 that are known, whether x2 was measured or appended."""
+
+import numpy as np
+import pytest
+
+import persid as ps
+
+
+def swinging() -> ps.Trajectories:
+    """The angle alone of a damped pendulum under an input, with a little noise."""
+    model = ps.PersidskiiModel(
+        [[0, 1], [0, -0.4]], [("sin(x)", [[1, 0]], [[0], [-2.0]])], [[0], [1]], states=["phi", "omega"], inputs=["u"]
+    )
+    t = 0.05 * np.arange(1600)
+    u = np.random.default_rng(3).choice([-1.0, 1.0], 80).repeat(20)[:, None]
+    return model.simulate([0.5, 0.0], t, u)
+
+
+@pytest.mark.parametrize("method", ["weak", "derivative", "edmd"])
+def test_the_equation_of_a_velocity_is_known(method: str) -> None:
+    """With velocities appended theta' = theta_dot holds exactly, by every method, and the other equation is fitted."""
+    both = swinging()
+    data = ps.Trajectories.from_arrays([both[0].x[:, :1]], t=[both[0].t], u=[both[0].u])
+    model = (
+        ps.PersidskiiIdentifier(["x", "sin(x)"], method=method, scale=1.0, x_ref=0.0, derivatives=1).fit(data).model_
+    )
+    assert model.states == ("x1", "x1_dot")
+    assert model.A0[0].tolist() == [0.0, 1.0]
+    assert model.b[0] == 0
+    assert not model.B[0].any()
+    assert all(not term.A[0].any() for term in model.terms)
+
+
+def test_a_measured_velocity_is_named() -> None:
+    """velocities= fixes the equation of a state whose derivative was measured, also about another reference point."""
+    data = swinging()
+    model = ps.PersidskiiIdentifier(["x", "sin(x)"], x_ref=[0.25, 0.5], velocities={"phi": "omega"}).fit(data).model_
+    x = np.random.default_rng(0).normal(size=(20, 2))
+    np.testing.assert_array_equal(model.rhs(x, np.ones((20, 1)))[:, 0], (x[:, 1] - 0.5) + 0.5)
+
+
+def test_a_known_velocity_stays_under_the_certificate_and_under_refinement() -> None:
+    """Neither a fit under the certificate nor refinement touches an equation that is known."""
+    data = swinging()
+    fit = ps.PersidskiiIdentifier(["x", "tanh(x)"], velocities={"phi": "omega"}, refine=True).fit(data)
+    assert fit.model_.A0[0].tolist() == [0.0, 1.0]
+    found = ps.CertifiedIdentifier(fit, time_limit=20).fit(data)
+    if found.verdict_.is_certified:
+        assert found.model_.A0[0].tolist() == [0.0, 1.0]
+        assert all(not term.A[0].any() for term in found.model_.terms)
+
+
+@pytest.mark.parametrize(
+    ("functions", "velocities", "said"),
+    [(["tanh(x)"], {"phi": "omega"}, "add x to functions="), (["x"], {"phi": "v"}, "v is no state")],
+)
+def test_a_velocity_that_cannot_be_known_is_refused(
+    functions: list[str], velocities: dict[str, str], said: str
+) -> None:
+    """A velocity needs to be a state with a linear column; the error says what to do."""
+    with pytest.raises(ps.DataError, match=said):
+        ps.PersidskiiIdentifier(functions, velocities=velocities).fit(swinging())
