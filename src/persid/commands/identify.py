@@ -81,8 +81,7 @@ def run(
     """
     from persid.certified_fits.delivery import Delivery, deliver, trial
     from persid.commands.score import other_files, unseen_scores
-    from persid.identification.derivatives import velocity_names
-    from persid.identification.identifier import embedded
+    from persid.identification.derivatives import embedded, velocity_names
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.measurements.recordings import without_still_inputs

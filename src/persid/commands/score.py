@@ -90,7 +90,7 @@ def _measured(model: Any, files: Sequence[Path], derivatives: int, delays: int, 
         DataError: a column is missing, or the appended states are not those of the model.
     """
     from persid.errors import DataError
-    from persid.identification.identifier import embedded
+    from persid.identification.derivatives import embedded
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
 

@@ -7,6 +7,8 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.identification.koopman import sample_step
+from persid.identification.windows import choose_window
 from persid.measurements.moments import BLOCK
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
@@ -61,6 +63,17 @@ def embed(data: Trajectories, derivatives: int = 0, delays: int = 0, half_width:
         )
     names += [f"{name}(t-{k})" for k in range(1, delays + 1) for name in data.states]
     return Trajectories(runs, (*data.states, *names), data.inputs, data.notes)
+
+
+def embedded(data: Trajectories, derivatives: int = 0, delays: int = 0) -> Trajectories:
+    """Return data with smoothed velocities and delayed copies among the states, as a fit appends them.
+
+    Raises:
+        DataError: delays need equal steps, or a run is too short.
+    """
+    if delays:
+        sample_step(data)
+    return embed(data, derivatives, delays, choose_window(data) if derivatives else 2)
 
 
 def velocity_names(states: Sequence[str]) -> dict[str, str]:

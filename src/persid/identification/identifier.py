@@ -16,7 +16,7 @@ from persid.errors import DataError, PersidError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
-from persid.identification.derivatives import embed, velocity_names
+from persid.identification.derivatives import embedded, velocity_names
 from persid.identification.diagnostics import FitReport
 from persid.identification.estimators import METHODS, estimator
 from persid.identification.gram import Gram, refuse_underdetermined
@@ -34,7 +34,6 @@ from persid.identification.validation import (
     total,
     validation_curve,
 )
-from persid.identification.windows import choose_window
 from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.opening import recordings_of
 from persid.measurements.recordings import (
@@ -364,17 +363,6 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
-
-
-def embedded(data: Trajectories, derivatives: int = 0, delays: int = 0) -> Trajectories:
-    """Return data with smoothed velocities and delayed copies among the states, as a fit appends them.
-
-    Raises:
-        DataError: delays need equal steps, or a run is too short.
-    """
-    if delays:
-        sample_step(data)
-    return embed(data, derivatives, delays, choose_window(data) if derivatives else 2)
 
 
 def _refuse_constant(data: Measurements) -> None:

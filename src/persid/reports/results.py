@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from persid.errors import FolderError
-from persid.identification.identifier import embedded
+from persid.identification.derivatives import embedded
 from persid.identification.scores import Scores, hold_out
 from persid.measurements.readers import read_measurements
 from persid.measurements.readers.sources import sha256
