@@ -62,10 +62,10 @@ def best_rate(question: Question, fastest: float, left: Callable[[], float]) -> 
 
 
 def smallest_gain(question: Question, kappa: float, start: Outcome, left: Callable[[], float]) -> Outcome | None:
-    """Return an outcome of rate kappa whose ratio gamma / p is within a few percent of the smallest."""
+    """Return an outcome of rate kappa whose ratio gamma / p is within 2 % of the smallest, so its gain within 1 %."""
     best, low, high = None, 0.0, _ratio(question, kappa, start, left)
     for step in range(STEPS + 4):
-        if left() <= 0 or not np.isfinite(high) or high < 1.1 * low:
+        if left() <= 0 or not np.isfinite(high) or high < 1.02 * low:
             break
         trial = high if step == 0 else float(np.sqrt(low * high)) if low else 0.1 * high
         found = question.ask(kappa, trial, best or start, left)

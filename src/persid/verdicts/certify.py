@@ -26,6 +26,7 @@ from persid.verdicts.searches import margin, rate_and_gain, settled
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
+FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 50 it takes five times as long
 
 
 def certify(
@@ -217,10 +218,15 @@ def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
 
 
 def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certificate, log: Log) -> Certificate:
-    """Return a certificate with rate and gain where there is one and time for it, else the one given."""
+    """Return a certificate with rate and gain where there is one and time for it, else the one given.
+
+    Up to a size P is full there even if a diagonal one shows stability: rate and gain then are the same in all
+    orthogonal coordinates.
+    """
     if certificate.stated.drops_states or setting.model.n > RATED_STATES or log.left() <= 0:
         return certificate
     with log.attempt(RATED) as outcome:
+        full_P = full_P or 1 < setting.model.n <= FULL_RATED_STATES
         answer, _ = settled(setting, partial(rate_and_gain, full_P=full_P, each=asked.each, log=log), log)
         outcome.append(_word(answer))
     return answer if isinstance(answer, Certificate) else certificate
