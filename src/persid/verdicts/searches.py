@@ -65,7 +65,8 @@ def grows(setting: Setting, lyapunov: Lyapunov) -> bool:
         axes = [tuple(Fraction(int(j == k)) for k in range(curve.size)) for j in range(1, curve.size)]
         if any(prove_radially_unbounded(curve.exact, axis, curve.domain, curve.shift) for axis in axes):
             rows.append(group.row[None])
-    return bool(np.linalg.matrix_rank(np.vstack(rows)) == lyapunov.system.n)
+    spanned = np.vstack(rows)
+    return bool(spanned.size and np.linalg.matrix_rank(spanned) == lyapunov.system.n)
 
 
 def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
