@@ -81,7 +81,7 @@ def run(
     """
     from persid.certified_fits.delivery import Delivery, deliver, trial
     from persid.commands.score import other_files, unseen_scores
-    from persid.identification.derivatives import embedded, velocity_names
+    from persid.identification.derivatives import embedded, refuse_constant, velocity_names
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.measurements.recordings import without_still_inputs
@@ -111,7 +111,9 @@ def run(
         progress("reading the measurements")
         found = files_of(list(data))
         states = {name: chosen.pop(name) for name in ("derivatives", "delays")}
-        measured = without_still_inputs(embedded(read_measurements(found, **how), **states))
+        read = read_measurements(found, **how)
+        refuse_constant(read, _name(found))
+        measured = without_still_inputs(embedded(read, **states))
         if states["derivatives"] and chosen["velocities"] == "auto":
             chosen["velocities"] = velocity_names(measured.states[: len(how["states"])])
         progress("identifying the model")
@@ -285,11 +287,14 @@ def _count(count: int, what: str) -> str:
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
+def _name(paths: Sequence[Any]) -> str:
+    return str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
+
+
 def _data_rows(paths: Sequence[Any], data: "Measurements") -> list[tuple[str, str]]:
-    name = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
     counts = [_count(len(data), "run"), _count(data.samples, "sample")]
     counts += [_count(len(data.states), "state"), _count(len(data.inputs), "input")]
-    return [("data", f"{name}: {', '.join(counts)}")]
+    return [("data", f"{_name(paths)}: {', '.join(counts)}")]
 
 
 def _fit_rows(report: Any) -> list[tuple[str, str]]:

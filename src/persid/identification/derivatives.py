@@ -10,6 +10,7 @@ from persid.errors import DataError
 from persid.identification.koopman import sample_step
 from persid.identification.windows import choose_window
 from persid.measurements.moments import BLOCK
+from persid.measurements.recordings import Measurements, moments
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
@@ -74,6 +75,15 @@ def embedded(data: Trajectories, derivatives: int = 0, delays: int = 0) -> Traje
     if delays:
         sample_step(data)
     return embed(data, derivatives, delays, choose_window(data) if derivatives else 2)
+
+
+def refuse_constant(data: Measurements, where: str = "") -> None:
+    """Raise DataError where no state ever varies; `where` is the file, if it is known."""
+    box = moments(data).of(slice(len(data.states))).box
+    if (box[:, 0] == box[:, 1]).all():
+        names = f"{', '.join(data.states)} never {'varies' if len(data.states) == 1 else 'vary'}"
+        place = f"{where}: " if where else ""
+        raise DataError(f"{place}{names}: there is nothing to identify; give other columns or data")
 
 
 def velocity_names(states: Sequence[str]) -> dict[str, str]:

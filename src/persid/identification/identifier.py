@@ -16,7 +16,7 @@ from persid.errors import DataError, PersidError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
-from persid.identification.derivatives import embedded, velocity_names
+from persid.identification.derivatives import embedded, refuse_constant, velocity_names
 from persid.identification.diagnostics import FitReport
 from persid.identification.estimators import METHODS, estimator
 from persid.identification.gram import Gram, refuse_underdetermined
@@ -156,7 +156,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         _check_options(self)
         refuse_target(None if self._estimator.slopes else y)
         given, notes = self._measured(X, u, t, dt)
-        _refuse_constant(given)
+        refuse_constant(given)
         measured = without_still_inputs(given)
         data = self._embedded(measured)
         problem = self._problem(data, y)
@@ -363,14 +363,6 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
-
-
-def _refuse_constant(data: Measurements) -> None:
-    """Raise DataError where no state ever varies."""
-    box = _box(data)
-    if (box[:, 0] == box[:, 1]).all():
-        names = f"{', '.join(data.states)} never {'varies' if len(data.states) == 1 else 'vary'}"
-        raise DataError(f"{names}: there is nothing to identify; give other columns or data")
 
 
 def _box(data: Measurements) -> Float[ndarray, "n 2"]:
