@@ -11,7 +11,17 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
-from persid.measurements.times import STEPS, Clock, base_and_unit, holds_dates, is_clock, looks_dated
+from persid.measurements.times import (
+    STEPS,
+    Clock,
+    base_and_unit,
+    holds_dates,
+    is_clock,
+    is_day,
+    is_hour,
+    joined,
+    looks_dated,
+)
 
 MISSING = ("error", "split", "drop", "interpolate")
 MOST_NAMES = 40  # columns that an error lists
@@ -164,7 +174,7 @@ def _note(notes: list[str], note: str) -> None:
 
 def _times(table: Table, column: Hashable, columns: Columns, notes: list[str]) -> Float[ndarray, " N"]:
     """Return the times in s."""
-    cells = _known(table.frame[column], columns.na)
+    cells = _instants(table, column, columns, notes)
     step = _lone_step(cells)
     if step is not None:
         _note(notes, f"{table.name}: {str(column).strip()!r} holds one step, {step:g} s, in its first row")
@@ -187,7 +197,20 @@ def origin_of(table: Table, columns: Columns) -> Any:
     if columns.dt is not None or not len(table.frame):
         return None
     column = clock_column(table, columns, [])
-    return _clock(table, column, columns).first_instant(_known(table.frame[column], columns.na))
+    return _clock(table, column, columns).first_instant(_instants(table, column, columns, []))
+
+
+def _instants(table: Table, column: Hashable, columns: Columns, notes: list[str]) -> pd.Series:
+    """Return the cells of the times; a column of dates and one of times of day are joined."""
+    cells = _known(table.frame[column], columns.na)
+    wanted = is_hour if is_day(cells) else is_day if is_hour(cells) else None
+    free = [c for c in table.frame.columns if c != column and str(c).strip() not in columns.asked]
+    other = next((c for c in free if wanted is not None and wanted(table.frame[c])), None)
+    if other is None:
+        return cells
+    days, hours = (column, other) if wanted is is_hour else (other, column)
+    _note(notes, f"{table.name}: {str(days).strip()!r} and {str(hours).strip()!r} are joined to one time")
+    return joined(*(_known(table.frame[c], columns.na) for c in (days, hours)))
 
 
 def _clock(table: Table, column: Hashable, columns: Columns) -> Clock:

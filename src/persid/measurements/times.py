@@ -69,6 +69,38 @@ def looks_dated(cells: pd.Series) -> bool:
 _DATED = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}\b")
 
 
+_DAY = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}")
+_HOUR = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?(\s?[AaPp][Mm])?")
+
+
+def is_day(cells: pd.Series) -> bool:
+    """Whether a column holds dates without times of day."""
+    if cells.dtype.kind == "M":
+        known = cells.dropna()
+        return bool(len(known) and (known == known.dt.normalize()).all())
+    return _begins(cells, _DAY)
+
+
+def is_hour(cells: pd.Series) -> bool:
+    """Whether a column holds times of day."""
+    return cells.dtype.kind != "m" and not _is_number(cells) and _begins(cells, _HOUR)
+
+
+def _begins(cells: pd.Series, form: re.Pattern[str]) -> bool:
+    known = cells.dropna()
+    return bool(len(known)) and form.fullmatch(str(known.iloc[0]).strip()) is not None
+
+
+def joined(days: pd.Series, hours: pd.Series) -> pd.Series:
+    """Return dates and times of day that stand in two columns as one; none where either is missing."""
+    text = [part.map(lambda cell: str(cell).strip(), na_action="ignore") for part in (_day_text(days), hours)]
+    return text[0].astype(object).str.cat(text[1].astype(object), sep=" ")
+
+
+def _day_text(days: pd.Series) -> pd.Series:
+    return days.dt.strftime("%Y-%m-%d") if days.dtype.kind == "M" else days
+
+
 @dataclass(frozen=True)
 class Clock:
     """How a column counts time: its unit where one is known, and the instant that counts as 0 where that is given."""
@@ -156,7 +188,8 @@ def _float_seconds(lengths: pd.Series) -> Float[ndarray, " N"]:
 
 
 def _parsed(texts: pd.Series) -> pd.Series:
-    """Read dates or times of day; ISO 8601 first, then day before month where points say so or months do not fit.
+    """Read dates or times of day; ISO 8601 first, then day before month where points say so or months do not fit, or
+    where the times then lie closer together.
 
     Raises:
         DataError: a cell is none.
@@ -172,4 +205,5 @@ def _parsed(texts: pd.Series) -> pd.Series:
     tried = [pd.to_datetime(cells, errors="coerce", utc=True, format="mixed", dayfirst=first) for first in orders]
     whole = [dates for dates in tried if dates.notna().sum() == cells.notna().sum()]
     growing = [dates for dates in whole if dates.dropna().is_monotonic_increasing]
+    growing.sort(key=lambda dates: dates.max() - dates.min())  # where both can be meant, no gap of months is made
     return (growing or whole or tried)[0]

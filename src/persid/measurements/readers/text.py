@@ -11,7 +11,7 @@ from persid.errors import DataError
 from persid.measurements.readers.dialects import Dialect, find_dialect
 from persid.measurements.readers.sources import HEAD, Content, Source, beginning, stream, unpacked
 from persid.measurements.tables import Columns, Table
-from persid.measurements.times import looks_dated
+from persid.measurements.times import is_hour, looks_dated
 
 GROUPED = r"[+-]?\d{{1,3}}(?:{mark}\d{{3}})+(?:{point}\d*)?(?:[eE][+-]?\d+)?"
 
@@ -31,7 +31,7 @@ def text_table(source: Source, columns: Columns) -> Table:
     frame = frame.set_axis([name or f"c{k + 1}" for k, name in enumerate(dialect.names) if k in frame.columns], axis=1)
     names = tuple(frame.columns)
     if frame.columns.is_unique:
-        frame = frame[[name for name in names if columns.takes(name) or looks_dated(frame[name])] or list(names)]
+        frame = frame[[name for name in names if columns.takes(name) or _tells_time(frame[name])] or list(names)]
     frame = frame.apply(_localised, decimal=dialect.decimal)
     label = _labels(plain, dialect, encoding)
     said = [packed] * bool(packed) + notes
@@ -115,3 +115,7 @@ def _labels(plain: Source, dialect: Dialect, encoding: str) -> Callable[[int], s
         return f"row {places[k] + dialect.skip + 1}"
 
     return label
+
+
+def _tells_time(cells: pd.Series) -> bool:
+    return looks_dated(cells) or is_hour(cells)
