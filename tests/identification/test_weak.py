@@ -10,11 +10,12 @@ from persid.identification import diagnostics
 from persid.identification.basis import make_basis
 from persid.identification.derivatives import embed, local_polynomial
 from persid.identification.estimators.weak import window_rows
-from persid.identification.free_runs import batch_errors, box, free_run_score, one_step, score
+from persid.identification.free_runs import batch_errors, free_run_score, one_step, score
 from persid.identification.gram import accumulate, condition_number, triangle, with_root
 from persid.identification.structure import make_structure
 from persid.identification.validation import Curve, partition, tail
 from persid.identification.windows import choose_window
+from persid.measurements.boxes import box_of
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
@@ -169,9 +170,9 @@ def test_batched_free_runs_agree_with_simulations():
     basis = make_basis(data, ["x", "tanh(x)"], 0.0, 1.0)
     theta = basis.coefficients(model)
     other = theta * 1.1
-    errors, out = batch_errors(basis, np.stack([theta, other])[None], [data[0]], box(data), "zoh")
+    errors, out = batch_errors(basis, np.stack([theta, other])[None], [data[0]], box_of(data), "zoh")
     guess = basis.model(other).simulate([1, -1], t, u)[0].x
-    width = np.diff(box(data), axis=1)[:, 0]
+    width = np.diff(box_of(data), axis=1)[:, 0]
     expected = (((guess - data[0].x)[1:] / width) ** 2).mean()
     assert errors[0, 0] < 1e-10
     assert errors[0, 1] == pytest.approx(expected, rel=1e-3)
@@ -184,7 +185,7 @@ def test_blow_ups_are_counted_and_cost_a_bounded_error():
     data = Trajectories((run,), ("x",), ())
     basis = make_basis(data, ["x", "x**3"], 0.0, 1.0)
     theta = np.array([[[[0.0], [0.0], [0.01]], [[5.0], [5.0], [0.0]]]])
-    errors, out = batch_errors(basis, theta, [run], box(data), "zoh")
+    errors, out = batch_errors(basis, theta, [run], box_of(data), "zoh")
     assert out.tolist() == [[False, True]]
     assert np.isfinite(errors).all()
     found = free_run_score(basis.model(theta[0, 1]), data)

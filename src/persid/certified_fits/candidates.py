@@ -10,6 +10,7 @@ import numpy as np
 from sklearn.base import clone
 
 from persid.identification import free_runs as freerun
+from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
 from persid.models.functions import scalar_function
 from persid.models.model import PersidskiiModel
@@ -180,8 +181,7 @@ def free_run_error(model: PersidskiiModel, data: Trajectories, hold: str) -> flo
 
 def scored(model: PersidskiiModel, data: Trajectories, hold: str) -> tuple[float, float]:
     """Return the free-run error in widths of the data and the mean R2 of the states."""
-    limits = freerun.box(data)
-    width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
+    width = widths(box_of(data))
     guesses, means = [], []
     for run in data:
         found = model.simulate(run.x[0], run.t, freerun.input_signal(run.t, run.u, hold))[0]

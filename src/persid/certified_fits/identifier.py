@@ -34,6 +34,7 @@ from persid.certified_fits.joint_problem import Demand
 from persid.certified_fits.multistart import Line, Result, Task, best_certified, certificate_of, sketch
 from persid.errors import DataError
 from persid.identification import free_runs as freerun
+from persid.identification.estimators import estimator
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.refinement import Pieces
 from persid.lyapunov.shifted_model import undefined
@@ -297,7 +298,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
     def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
         """Return the R2 of free runs over all runs, the mean over states; y is refused."""
         check_is_fitted(self, "model_")
-        refuse_target(None if self.free_.method == "derivative" else y)
+        refuse_target(None if estimator(self.free_.method).slopes else y)
         return freerun.free_run_score(self.model_, self.free_._known(X, u, t, dt), self.free_.hold).r2_mean
 
 

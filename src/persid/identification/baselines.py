@@ -18,8 +18,9 @@ from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures, Stand
 from sklearn.utils.validation import check_is_fitted
 
 from persid.errors import DataError
-from persid.identification.free_runs import REACH, Score, box, free_run_score
+from persid.identification.free_runs import Score, free_run_score
 from persid.measurements.arrays import as_trajectories, refuse_target
+from persid.measurements.boxes import box_of, reach
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
@@ -63,7 +64,7 @@ class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.map_ = make_pipeline(StandardScaler(), *features, Ridge(alpha=float(self.ridge)))
         self.map_.fit(past, after)
         self.n_features_in_ = len(data.states)
-        self.states_, self.inputs_, self.box_ = data.states, data.inputs, box(data)
+        self.states_, self.inputs_, self.box_ = data.states, data.inputs, box_of(data)
         return self
 
     def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
@@ -78,7 +79,7 @@ class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         states = [*np.repeat(start[:1], self.lags - len(start), axis=0), *start]
         inputs = np.vstack([np.repeat(u[:1], self.lags - len(start), axis=0), u])
         extra = self.lags - len(start)
-        low, high = self._limits()
+        low, high = reach(self.box_)
         for k in range(len(start), len(t)):
             row = _past(np.array(states[-self.lags :]), inputs[k + extra - self.lags : k + extra], self.lags)
             following = np.atleast_1d(self.map_.predict(row)[0])
@@ -86,10 +87,6 @@ class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
                 return self._trajectories(states[extra:], t, u, float(t[k]))
             states.append(following)
         return self._trajectories(states[extra:], t, u, None)
-
-    def _limits(self) -> tuple[ndarray, ndarray]:
-        width = np.maximum(self.box_[:, 1] - self.box_[:, 0], 1e-12)
-        return self.box_[:, 0] - REACH * width, self.box_[:, 1] + REACH * width
 
     def _trajectories(self, states: list[ndarray], t: ndarray, u: ndarray, diverged: float | None) -> Trajectories:
         count = len(states)

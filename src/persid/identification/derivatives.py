@@ -9,8 +9,9 @@ from numpy import ndarray
 from persid.errors import DataError
 from persid.identification.koopman import sample_step
 from persid.identification.windows import choose_window
+from persid.measurements.boxes import box_of
 from persid.measurements.moments import BLOCK
-from persid.measurements.recordings import Measurements, moments
+from persid.measurements.recordings import Measurements
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
@@ -79,7 +80,7 @@ def embedded(data: Trajectories, derivatives: int = 0, delays: int = 0) -> Traje
 
 def refuse_constant(data: Measurements, where: str = "") -> None:
     """Raise DataError where no state ever varies; `where` is the file, if it is known."""
-    box = moments(data).of(slice(len(data.states))).box
+    box = box_of(data)
     if (box[:, 0] == box[:, 1]).all():
         names = f"{', '.join(data.states)} never {'varies' if len(data.states) == 1 else 'vary'}"
         place = f"{where}: " if where else ""

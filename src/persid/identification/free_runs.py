@@ -9,6 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.identification.basis import Basis
+from persid.measurements.boxes import box_of, reach, widths
 from persid.measurements.moments import Moments, row_moments
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
@@ -17,7 +18,6 @@ from persid.models.steps import runge_kutta
 Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u
 
 STILL = 1e-12  # a state that moves by less than this share of its size is at rest
-REACH = 10.0  # a free run is stopped this many widths of the data outside their box
 MOST_SUBSTEPS = 8
 FINER = (2, 4, 8, 16, 32)  # Runge-Kutta steps of a sample that scores try
 CLOSE, EXACT = 0.05, 1e-9  # steps are short enough when halving them changes less of the error, or of the deviation
@@ -87,12 +87,6 @@ def _r2(error: float, spread: float, still: float) -> float:
     return 1 - error / spread if spread > still else float(error <= still)
 
 
-def box(data: Trajectories) -> Float[ndarray, "n 2"]:
-    """Return the smallest box that holds all states."""
-    low, high = (np.array([getattr(run.x, bound)(axis=0) for run in data]) for bound in ("min", "max"))
-    return np.column_stack([low.min(axis=0), high.max(axis=0)])
-
-
 def free_run_score(
     model: Simulator, data: Trajectories, hold: str = "zoh", past: int = 1, record: Moments | None = None
 ) -> Score:
@@ -102,7 +96,7 @@ def free_run_score(
 
     Paper: the RMSE and R2 of Sec. 4 (pooled over states and samples).
     """
-    low, high = _reach(box(data) if record is None else record.box)
+    low, high = reach(box_of(data) if record is None else record.box)
     truth, guess, diverged, stopped = [], [], [], []
     for run in data:
         start = run.x[0] if past == 1 else run.x[:past]
@@ -120,11 +114,6 @@ def input_signal(t: ndarray, u: ndarray, hold: str) -> Any:
     if hold == "zoh" or not u.shape[1]:
         return u
     return lambda s: np.array([np.interp(s, t, column) for column in u.T])
-
-
-def _reach(limits: Float[ndarray, "n 2"]) -> tuple[ndarray, ndarray]:
-    width = np.maximum(limits[:, 1] - limits[:, 0], 1e-12)
-    return limits[:, 0] - REACH * width, limits[:, 1] + REACH * width
 
 
 def one_step(rhs: Rate, run: Trajectory, hold: str, substeps: int = 2) -> Float[ndarray, "N n"]:
@@ -154,12 +143,11 @@ def batch_errors(
     """
     s, k, p, n = thetas.shape
     flat = thetas.reshape(s * k, p, n)
-    width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
     batch = _Batch.of(pieces, hold, limits, k)
     # The scale of the right side decides how many Runge-Kutta steps a sample needs.
     substeps = _substeps(basis, flat, batch.truth[:, 0], float(np.median(np.diff(batch.t))))
     guess, out = batch.free(_batch_rhs(basis, flat), substeps)
-    error = (((guess - batch.truth) / width) ** 2).mean(axis=2)[:, 1:].mean(axis=1)
+    error = (((guess - batch.truth) / widths(limits)) ** 2).mean(axis=2)[:, 1:].mean(axis=1)
     return error.reshape(s, k), out.reshape(s, k)
 
 
@@ -177,7 +165,7 @@ class _Batch:
     def of(cls, pieces: Sequence[Trajectory], hold: str, limits: Float[ndarray, "n 2"], times: int = 1) -> "_Batch":
         """Return the batch of pieces, each `times` times."""
         t, x, u = (np.repeat([getattr(piece, name) for piece in pieces], times, axis=0) for name in ("t", "x", "u"))
-        return cls(t, x, u, hold, _reach(limits))
+        return cls(t, x, u, hold, reach(limits))
 
     def free(self, rhs: Rate, substeps: int) -> tuple[Float[ndarray, "s N n"], ndarray]:
         """Run from every first state; return the states and who ran away."""

@@ -41,7 +41,6 @@ from persid.measurements.recordings import (
     Part,
     Recordings,
     is_large,
-    moments,
     segments,
     without_still_inputs,
 )
@@ -170,7 +169,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         report = self._report(problem, solution, (*data.notes, *notes))
         self.report_ = replace(report, warnings=(*report.warnings, *self._advice(report, measured)))
         self.model_ = problem.basis.model(
-            solution.theta, domain=_box(data), provenance=_provenance(self, measured, self.report_)
+            solution.theta, domain=problem.box, provenance=_provenance(self, measured, self.report_)
         )
         return self
 
@@ -218,7 +217,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             refuse_underdetermined(gram)
         curve = None
         if self.ridge == "auto" and self._estimator.additive:
-            curve = validation_curve(problem.data, problem.parts, folds, _box(problem.data), self.hold)
+            curve = validation_curve(problem.data, problem.parts, folds, problem.box, self.hold)
         ridge = self._strength(curve)
         gram = problem.solvable(gram, ridge)
         theta = sparse_coefficients(gram, ridge, self.threshold)
@@ -278,7 +277,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             largest_name=facts.largest_name,
             collinear=facts.collinear,
             constant_columns=facts.constant,
-            coverage=tuple((float(a), float(b)) for a, b in _box(data)),
+            coverage=tuple((float(a), float(b)) for a, b in problem.box),
             whiteness=white,
             excitation=moved,
             free_run=free,
@@ -289,17 +288,17 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         )
 
     def _advice(self, report: FitReport, measured: Measurements) -> tuple[str, ...]:
-        """Where free runs of the weak form foretell less than the mean, say whether EDMD does better on the same tail.
+        """Where free runs foretell less than the mean, say whether the method's rival does better on the same tail.
 
         What settles within a sample looks like noise to integrals over windows; a map from sample to sample sees it.
         """
-        mine = report.free_run
-        if self.method != "weak" or mine is None or mine.r2_mean >= 0 or isinstance(measured, Recordings):
+        mine, rival = report.free_run, self._estimator.rival
+        if rival is None or mine is None or mine.r2_mean >= 0 or isinstance(measured, Recordings):
             return ()
         tried = []
         for functions in (self.functions, ["x"]):
             try:
-                other = clone(self).set_params(method="edmd", functions=functions).fit(measured).report_.free_run
+                other = clone(self).set_params(method=rival, functions=functions).fit(measured).report_.free_run
             except (PersidError, ValueError):  # no logarithm, uneven times, an option that EDMD has not
                 continue
             if other is not None and not other.blow_ups and other.r2_mean > 0:
@@ -308,7 +307,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             return ()
         score, functions = max(tried, key=lambda pair: pair[0])
         return (
-            f'on the same tail method="edmd" with functions={list(functions)!r} has R2 {score:.2f}; try it: what '
+            f'on the same tail method="{rival}" with functions={list(functions)!r} has R2 {score:.2f}; try it: what '
             "settles within a sample escapes the weak form",
         )
 
@@ -363,11 +362,6 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
-
-
-def _box(data: Measurements) -> Float[ndarray, "n 2"]:
-    """Return the smallest box that holds all states."""
-    return moments(data).of(slice(len(data.states))).box
 
 
 def _tail_scores(

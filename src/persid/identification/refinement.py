@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 
 from persid.errors import DataError
 from persid.identification.basis import Basis
-from persid.identification.free_runs import box
 from persid.identification.gram import Gram
+from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
 from persid.models.steps import runge_kutta
 
@@ -42,9 +42,7 @@ class Pieces:
         places = np.linspace(0, len(starts) - 1, min(len(starts), MOST_PIECES)).astype(int)
         cut = [run[k : k + length] for run, k in (starts[place] for place in np.unique(places))]
         x, u, t = (np.stack([getattr(piece, name) for piece in cut]) for name in ("x", "u", "t"))
-        limits = box(data)
-        width = np.where(limits[:, 1] > limits[:, 0], limits[:, 1] - limits[:, 0], 1.0)
-        return cls(x, u, np.diff(t, axis=1), width, hold)
+        return cls(x, u, np.diff(t, axis=1), widths(box_of(data)), hold)
 
     def errors(self, basis: Basis, theta: Float[ndarray, "p n"]) -> Float[ndarray, " r"]:
         """Return model minus measurement of all samples, in widths of the data; a blow-up counts 1000 a sample."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from persid.identification.gram import (
 )
 from persid.identification.structure import Structure
 from persid.identification.validation import Curve
+from persid.measurements.boxes import box_of
 from persid.measurements.recordings import Measurements, Part, block_sums
 from persid.measurements.trajectory import Trajectory
 
@@ -64,6 +65,7 @@ class Estimator:
     `additive`: rows know nothing of other samples, so that blocks can be left out, added up and drawn again. One that
     is not (its rows are read off a matrix of all samples) is made again for every choice of parts.
     `in_memory`: it needs all samples at once.  `slopes`: x' may be given.  `lifts`: so may further lifting functions.
+    `rival`: the method that is tried where free runs of this one foretell less than the mean does.
     """
 
     regression: Callable[[Measurements, Basis, Sequence[Part], Options], Regression]
@@ -71,6 +73,7 @@ class Estimator:
     in_memory: bool = False
     slopes: bool = False
     lifts: bool = False
+    rival: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,11 @@ class Problem:
     parts: Sequence[Part]
     blocks: Sequence[Part]
     regression: Regression
+
+    @cached_property
+    def box(self) -> Float[ndarray, "n 2"]:
+        """The smallest box that holds all states of the data."""
+        return box_of(self.data)
 
     def grams(self) -> dict[int, Gram]:
         """Return the Gram of every block, from one pass over the samples."""

@@ -6,7 +6,8 @@ to be followed, which says nothing about its stability.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
@@ -41,14 +42,44 @@ class End:
         return self != End()
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep solvers from complaining: where a run goes wrong, its end says so."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        yield
+
+
+def lsoda_steps(
+    rate: Callable[[float, ndarray], ndarray],
+    x: Float[ndarray, " n"],
+    span: tuple[float, float],
+    rtol: float,
+    atol: float,
+) -> Iterator[LSODA]:
+    """Yield LSODA's solver after each of its steps over a span of time, in s; right sides are cut off at `HUGE`."""
+
+    def guarded(s: float, y: ndarray) -> ndarray:
+        return np.clip(rate(s, y), -HUGE, HUGE)
+
+    solver = LSODA(guarded, span[0], x, span[1], rtol=rtol, atol=atol)
+    while solver.status == "running":
+        solver.step()
+        yield solver
+
+
+def has_left(solver: LSODA | RK45, cap: float) -> bool:
+    """Whether a solver's state has left all bounds, NaN included."""
+    return not np.abs(solver.y).max() < cap
+
+
 def integrate(
     field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
 ) -> Trajectory:
     """Return the run from x0 sampled at t; see `PersidskiiModel.simulate`."""
     size = 1 + float(np.abs(x0).max() + np.abs(field.x_ref).max())
     solver = _Solver(field, size, rtol, atol, BUDGET + BUDGET_PER_SAMPLE * len(t))
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # a solver's complaint becomes `diverged_at`
+    with quiet():
         if u is None or callable(u):
             at = u if callable(u) else (lambda _: field.u_ref)
             held = np.array([np.reshape(np.asarray(at(s), float), field.m) for s in t]).reshape(len(t), field.m)
@@ -104,7 +135,7 @@ class _Solver:
             solver = self._restarted(x, start, stop, force)
             for _ in range(STIFF):
                 solver.step()
-                if not np.abs(solver.y).max() < self.cap:
+                if has_left(solver, self.cap):
                     return x[None], End(diverged_at=float(solver.t))
                 if solver.status == "finished":
                     return np.array([x, solver.y]), End()
@@ -130,15 +161,12 @@ class _Solver:
         """Integrate over t, where the input does not jump; return the states at t up to an early end, and that end."""
 
         def rate(s: float, y: ndarray) -> ndarray:
-            return np.clip(self.drift(y) + force(s), -HUGE, HUGE)
+            return self.drift(y) + force(s)
 
-        solver = LSODA(rate, t[0], x, t[-1], rtol=self.rtol, atol=self.atol)
         states, k, still = [x[None]], 1, 0
-        while k < len(t):
-            before = solver.t
-            solver.step()
-            still = still + 1 if solver.t == before else 0
-            if not np.abs(solver.y).max() < self.cap or (still and np.abs(rate(before, solver.y)).max() >= HUGE):
+        for solver in lsoda_steps(rate, x, (t[0], t[-1]), rtol=self.rtol, atol=self.atol):
+            still = still + 1 if solver.t == solver.t_old else 0
+            if has_left(solver, self.cap) or (still and np.abs(solver.fun(solver.t, solver.y)).max() >= HUGE):
                 return np.concatenate(states), End(diverged_at=float(solver.t))
             if solver.status == "failed" or still >= STANDSTILL or self.budget <= 0:
                 return np.concatenate(states), End(stopped_at=float(solver.t))

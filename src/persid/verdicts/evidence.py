@@ -1,15 +1,15 @@
 """Evidence beside an undecided verdict: what simulations from bounded states do at the nominal input. No proof."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.integrate import LSODA
 
 from persid.lyapunov.operating_points import usual_box
+from persid.models.integration import HUGE, has_left, lsoda_steps, quiet
 from persid.models.model import PersidskiiModel
 
 RUNS = 8  # initial states, drawn from a box
@@ -17,7 +17,6 @@ STEPS = 300  # of the solver, in one run
 SPAN = 100.0  # a run lasts so many times the inverse of the largest rate of the linearisation
 STILL = 0.01  # of its largest speed: a run that is slower at its end has come to rest
 FAR = 1e4  # a state beyond so many times the size of the box has diverged
-HUGE = 1e200  # right sides are cut off here, so that a blow-up ends far away and not in NaN
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def simulated(
     dot, force = model.field.drift(), model.field.forcing(u)
 
     def rate(_: float, x: ndarray) -> ndarray:
-        return np.clip(np.nan_to_num(dot(x) + force, nan=HUGE), -HUGE, HUGE)
+        return np.nan_to_num(dot(x) + force, nan=HUGE)
 
     far = FAR * (1 + float(np.abs(box).max()))
     runs = [_run(rate, x0, span, far) for x0 in starts]
@@ -73,14 +72,9 @@ def simulated(
 def _run(rate: Callable[[float, ndarray], ndarray], x0: ndarray, span: float, far: float) -> tuple[float | None, bool]:
     """Return the time at which a run has left every reasonable bound, or None, and whether it moves at its end."""
     fastest = float(np.abs(rate(0.0, x0)).max())
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # a solver's complaint is what is looked for
-        solver = LSODA(rate, 0.0, x0, span, rtol=1e-4, atol=1e-6)
-        for _ in range(STEPS):
-            solver.step()
-            if not np.abs(solver.y).max() < far:
+    with quiet():
+        for solver in islice(lsoda_steps(rate, x0, (0.0, span), rtol=1e-4, atol=1e-6), STEPS):
+            if has_left(solver, far):
                 return float(solver.t), False
             fastest = max(fastest, float(np.abs(rate(solver.t, solver.y)).max()))
-            if solver.status != "running":
-                break
     return None, bool(np.abs(rate(solver.t, solver.y)).max() > STILL * fastest)

@@ -30,7 +30,7 @@ def weak_form(data: Measurements, basis: Basis, parts: Sequence[Part], options: 
     return Regression(data, partial(window_rows, basis=basis, window=window, hold=options.hold), window, window=window)
 
 
-ESTIMATOR = Estimator(weak_form)
+ESTIMATOR = Estimator(weak_form, rival="edmd")
 
 
 def window_rows(run: Trajectory, count: int | None, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
