@@ -130,6 +130,7 @@ def test_run_goes_from_outputs_to_a_certificate(
         (["--outputs", "q", "--inputs", "u"], "q"),
         (["--outputs", "still", "--inputs", "u"], "output still is constant"),
         (["--outputs", "y", "--inputs", "u", "--max-output-gain", "1,2"], "--max-output-gain is [1.0, 2.0]"),
+        (["--outputs", "y", "--inputs", "u", "--measured", "q"], "--measured names 'q', which is none of the outputs"),
         (["--states", "y", "--max-output-gain", "1"], "--max-output-gain goes with --outputs"),
         (["--outputs", "y", "--inputs", "u", "--order", "9"], "smaller order"),
         (["--outputs", "y", "--inputs", "u", "--neurons", "60"], "fewer neurons"),

@@ -84,3 +84,20 @@ def test_a_fit_without_inputs_or_neurons_is_certified() -> None:
     for how in ({"m": 0}, {"q": 0}, {"m": 0, "q": 0}):
         certificate = decided(random_fit(5, **how))
         assert certificate.output_gains is not None
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_a_proof_goes_along_into_measured_coordinates(seed: int) -> None:
+    """In coordinates in which outputs are states, the inequality and the certified bounds of outputs are the same."""
+    fit = replace(random_fit(seed, n=3, q=2, outputs=2, kappa=0.05), D=np.zeros((2, 1)))
+    mapped = fit.with_states(["y2"])
+    assert np.linalg.eigvalsh(mapped.inequality()).min() > 0
+    before, after = decided(fit), decided(mapped)
+    assert before.output_gains is not None
+    assert after.output_gains is not None
+    np.testing.assert_allclose(after.output_gains, before.output_gains, rtol=1e-3)
+    model = ps.OutputModel.from_fit(mapped)
+    np.testing.assert_allclose(model.output(mapped.x0[0])[1], mapped.x0[0, 0])
+    first, last = ps.OutputModel.from_fit(fit), np.linspace(0, 3, 31)
+    old, new = first.simulate(last, x0=fit.x0[0]), model.simulate(last, x0=mapped.x0[0])
+    np.testing.assert_allclose(new[0].x, old[0].x, rtol=1e-6, atol=1e-8)

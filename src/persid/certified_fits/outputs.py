@@ -64,6 +64,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     activation: f, "tanh", "softsign" or "arctan".  feedthrough: whether D is fitted, or "auto".
     hold: "zoh" (inputs are held) or "foh" (straight lines between samples).
     output: h, None or "abs" (a sensor that ignores the sign).
+    measured: names of outputs that are states themselves: they become the first states, without feedthrough and in
+        their own units; the other states stay latent.
     certified: False fits without the condition; the verdict then depends on what `certify` finds.
     min_rate: None, or a rate of decay in 1/s that is certified.
     max_output_gain: None, or the largest gain of the outputs that is certified, in their unit per unit of the inputs:
@@ -95,6 +97,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         feedthrough: bool | str = "auto",
         hold: str = "zoh",
         output: str | None = None,
+        measured: Sequence[str] = (),
         certified: bool = True,
         min_rate: float | int | None = None,
         max_output_gain: Any = None,
@@ -110,6 +113,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.feedthrough = feedthrough
         self.hold = hold
         self.output = output
+        self.measured = measured
         self.certified = certified
         self.min_rate = min_rate
         self.max_output_gain = max_output_gain
@@ -140,7 +144,10 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         data = as_trajectories(X, u, t, dt)
         step = _step(data)
         demand = Demand.of(self.min_rate, self.max_output_gain, len(data.states))
-        question = replace(self._question(step), outputs=_output_names(data.states))
+        names = _output_names(data.states)
+        if strange := [name for name in self.measured if name not in names]:
+            raise DataError(f"measured= names {strange[0]!r}, which is none of the outputs ({', '.join(names)})")
+        question = replace(self._question(step), outputs=names)
         tell = _told(progress)
         records = [(run.u, run.x) for run in data]
         with few_threads(4):
@@ -158,7 +165,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         return Question(
             order=None if self.order == "auto" else int(self.order),
             neurons=None if self.neurons == "auto" else int(self.neurons),
-            feedthrough=None if self.feedthrough == "auto" else bool(self.feedthrough),
+            feedthrough=None if self.feedthrough == "auto" and not self.measured else self.feedthrough is True,
             activation=self.activation,
             output_map=self.output,
             hold=self.hold,
@@ -169,7 +176,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
 
     def _earlier(self) -> StableFit | None:
         """Return the fit before, where it is to be continued."""
-        return getattr(self, "fit_", None) if self.warm_start else None
+        return getattr(self, "_unit", None) if self.warm_start else None
 
     def _free(
         self, answer: Answer, records: list[Any], step: float, question: Question, tell: Callable[[str, float], None]
@@ -187,7 +194,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         verdict = self._verdict(named, answer.candidate.seed, demand)
         error, remarks = answer.error, list(answer.remarks)
         if demand.excess(verdict) > 1:
-            verdict = self._verdict(demand.met(self.fit_, verdict), answer.candidate.seed, demand)
+            verdict = self._verdict(demand.met(self._unit, verdict), answer.candidate.seed, demand)
             error = self._error(data)
             remarks.append(f"outputs are scaled to the gains asked for: error {error:.3g} (before {answer.error:.3g})")
         remarks += demand.missed(verdict, self.model_.outputs)
@@ -204,6 +211,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     def _verdict(self, fit: StableFit, seed: int, demand: Demand) -> Verdict:
         """Keep the fit with its model, and return the verdict on it."""
         under = "certificate" if fit.M is not None else None
+        self._unit, fit = fit, fit.with_states(self.measured) if self.measured else fit
         self.fit_, self.model_ = fit, OutputModel.from_fit(fit, {"fitted_under": under, "seed": seed})
         return certify_fit(fit, self.model_, time_limit=float(self.time_limit), min_rate=demand.rate)
 
@@ -280,6 +288,8 @@ def _check_options(given: OutputIdentifier) -> None:
         raise DataError(f'output is {given.output!r}; it is None or "abs"')
     if given.feedthrough not in ("auto", True, False):
         raise DataError(f'feedthrough is {given.feedthrough!r}; it is "auto", True or False')
+    if given.measured and (given.feedthrough is True or given.output is not None):
+        raise DataError("measured= goes with outputs that are states: without output= and without feedthrough=")
     if given.seeds < 1:
         raise DataError(f"seeds is {given.seeds}; at least one start is needed")
 

@@ -128,11 +128,12 @@ class OutputModel:
         """Return the model of a fit to inputs and outputs: each neuron is a term, its shift inside its function."""
         rows = enumerate(fit.beta)
         terms = [(shifted(fit.activation, float(by)), fit.R[c : c + 1], fit.A1[:, c : c + 1]) for c, by in rows]
-        latent = PersidskiiModel(fit.A, terms, fit.B, fit.b, u_ref=fit.u_ref, inputs=fit.inputs or None)
+        names: dict[str, Any] = {"inputs": fit.inputs or None, "states": fit.states or None}
+        latent = PersidskiiModel(fit.A, terms, fit.B, fit.b, x_ref=fit.x_ref, u_ref=fit.u_ref, **names)
         known: dict[str, Any] = {"noise": fit.noise, "x_mean": fit.x_mean, "x_cov": fit.x_cov, "hold": fit.hold}
         h = None if fit.output_map is None else f"{fit.output_map}(x)"
-        names = fit.outputs or None
-        return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=names, provenance=provenance, **known)
+        seen = fit.outputs or None
+        return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=seen, provenance=provenance, **known)
 
     @property
     def sha256(self) -> str:

@@ -1,10 +1,14 @@
 """A model fitted to inputs and outputs alone, with the multipliers of its own proof of stability."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy.linalg import null_space
+
+from persid.errors import ModelError
 
 ACTIVATIONS = ("tanh", "softsign", "arctan")  # slopes in (0, 1], one at 0: the sector that the proof uses
 
@@ -13,7 +17,8 @@ ACTIVATIONS = ("tanh", "softsign", "arctan")  # slopes in (0, 1], one at 0: the 
 class StableFit:
     """Hold x' = A x + A1 f(R x + beta) + B (u - u_ref) + b, y = h(C x + D (u - u_ref) + d), and why it is stable.
 
-    f acts elementwise and its slopes lie in [0, 1]. The states x have no unit: they are coordinates in which P = I.
+    f acts elementwise and its slopes lie in [0, 1]. The states x have no unit: they are coordinates in which P = I;
+    but see `with_states`. Where x_ref is given, x stands for x - x_ref in both equations.
     A, A1, B, b are in 1/s (B per unit of u); C, D, d in the units of y (per unit of u for D). h is the output map,
     None or "abs". x0 holds the state at the first sample of every record that was fitted.
 
@@ -23,8 +28,8 @@ class StableFit:
     M >= 0 (no unit) and T > 0 (1/s), one per neuron, and kappa >= 0 (1/s) prove stability: about any equilibrium x*,
     with z = x - x*, w = f(R x + beta) - f(R x* + beta) and G = [A A1],
 
-        V = |z|^2 + 2 sum M_c int_0^(r_c z) (f(s + r_c x* + beta_c) - f(r_c x* + beta_c)) ds,
-        V' + kappa (|z|^2 + 2 w' M R z) + 2 w' T (R z - w) = -(z, w)' Z (z, w),  Z > 0,
+        V = z'P z + 2 sum M_c int_0^(r_c z) (f(s + r_c x* + beta_c) - f(r_c x* + beta_c)) ds,
+        V' + kappa (z'P z + 2 w' M R z) + 2 w' T (R z - w) = -(z, w)' Z (z, w),  Z > 0,
 
     and w' T (R z - w) >= 0. They are None where the fit was not made under the inequality.
     """
@@ -52,12 +57,46 @@ class StableFit:
     M: Float[ndarray, " q"] | None = None
     T: Float[ndarray, " q"] | None = None
     kappa: float = 0.0
+    P: Float[ndarray, "n n"] | None = None
+    x_ref: Float[ndarray, " n"] | None = None
+    states: tuple[str, ...] = ()
 
-    def inequality(self) -> Float[ndarray, "n+q n+q"]:
+    def with_states(self, measured: Sequence[str]) -> "StableFit":
+        """Return the fit in coordinates in which some outputs are the first states, in their own units.
+
+        With y = C x + d for them, and N an orthonormal basis of what C does not see, the new states are
+        (y, N x) = x_ref + S x with S = (C; N) and x_ref = (d; 0), so that P = S^-T S^-1. The others stay latent.
+
+        Raises:
+            ModelError: they are no outputs, an input acts on them at once, or they are not independent states.
+        """
+        if strange := [name for name in measured if name not in self.outputs]:
+            raise ModelError(
+                f"measured= names {strange[0]!r}, which is none of the outputs ({', '.join(self.outputs)})"
+            )
+        n, rows = len(self.A), [self.outputs.index(name) for name in measured]
+        C, k = self.C[rows], len(rows)
+        if self.output_map is not None or np.any(self.D[rows]):
+            raise ModelError("measured= goes with outputs that are states: without output= and without feedthrough=")
+        if np.linalg.matrix_rank(C) < k:
+            raise ModelError(f"measured= names {k} outputs, but the model has {n} states: they are not independent")
+        N = null_space(C).T
+        S, back = np.vstack([C, N]), np.hstack([np.linalg.pinv(C), N.T])
+        x_ref = np.concatenate([self.d[rows], np.zeros(n - k)])
+        outputs = self.C @ back
+        outputs[rows] = np.eye(k, n)
+        return replace(
+            self, A=S @ self.A @ back, R=self.R @ back, A1=S @ self.A1, B=S @ self.B, b=S @ self.b, C=outputs,
+            x0=x_ref + self.x0 @ S.T, x_mean=x_ref + S @ self.x_mean, x_cov=S @ self.x_cov @ S.T, P=back.T @ back,
+            x_ref=x_ref, states=(*(f"x_{name}" for name in measured), *(f"z{i + 1}" for i in range(n - k))),
+        )  # fmt: skip
+
+    def inequality(self) -> Float[ndarray, "r r"]:
         """Return Z, positive definite where M, T and kappa prove stability; in floats, so it decides nothing."""
         if self.M is None or self.T is None:
             raise ValueError("this fit carries no multipliers; certify its model instead")
         RM, RT = self.R.T * self.M, self.R.T * self.T
-        corner = -(self.A + self.A.T) - self.kappa * np.eye(len(self.A))
-        side = -(self.A1 + self.A.T @ RM + RT + self.kappa * RM)
+        P = np.eye(len(self.A)) if self.P is None else self.P
+        corner = -(P @ self.A + self.A.T @ P) - self.kappa * P
+        side = -(P @ self.A1 + self.A.T @ RM + RT + self.kappa * RM)
         return np.block([[corner, side], [side.T, 2 * np.diag(self.T) - (RM.T @ self.A1 + self.A1.T @ RM)]])

@@ -93,7 +93,7 @@ def _sizes(model: OutputModel) -> Float[ndarray, " l"]:
 
 
 def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress) -> Certificate | None:
-    """Return the certificate that the fit's own P = I, M and T prove, or None."""
+    """Return the certificate that the fit's own P, M and T prove, or None."""
     if fit.M is None or fit.T is None:
         return None
     progress("proving the fit's own multipliers")
@@ -101,13 +101,14 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
     if not points:
         return None
     setting = Setting.of(model.dynamics, points[0])
+    P = np.eye(model.dynamics.n) if fit.P is None else rounded((fit.P + fit.P.T) / 2)
     for share in DENSITIES:
         least = share * float(fit.M.max(initial=0.0))
         M = np.where(least >= fit.M, 0.0, fit.M)
         chosen = _chosen(setting, M, fit.T)
         if chosen is None:
             return None
-        found = _paced(Lyapunov(setting.system, np.eye(model.dynamics.n), chosen, 0.0), fit, model, min_rate)
+        found = _paced(Lyapunov(setting.system, P, chosen, 0.0), fit, model, min_rate)
         if found is None:
             continue
         try:
