@@ -157,8 +157,38 @@ def _shades(axes: Axes, tools: list[str], systems: list[str], found: dict[tuple[
     axes.tick_params(length=0)
 
 
+def public(content: dict[str, Any]) -> Figure:
+    """Draw the errors of every seed on every public test, on one line, with the published ones."""
+    tests = [(row["benchmark"], test) for row in content["published"] for test in row["errors"]]
+    tests = list(dict.fromkeys(tests))
+    figure, axes = plt.subplots(len(tests), 1, figsize=(8, 0.75 * len(tests) + 0.6))
+    for ax, (name, test) in zip(axes, tests, strict=True):
+        ours, theirs = ([row for row in content[key] if row["benchmark"] == name] for key in ("rows", "published"))
+        for k, row in enumerate(theirs):
+            ax.plot(row["errors"][test], 0, "|", color=GREY, markersize=14)
+            lift = (10, -18)[k % 2]
+            ax.annotate(
+                row["model"], (row["errors"][test], 0), (0, lift), textcoords="offset points", ha="center", fontsize=7,
+                color=GREY,
+            )  # fmt: skip
+        ax.plot([row["errors"][test] for row in ours], [0] * len(ours), "o", color=BLUE, alpha=0.6, markersize=6)
+        ax.set_xscale("log")
+        ax.set_ylim(-1, 1)
+        ax.set_yticks([0], [f"{name}\n{test}, {ours[0]['unit']}"])
+        ax.spines["left"].set_visible(False)
+        ax.tick_params(axis="y", length=0)
+        ax.tick_params(axis="x", which="both", labelsize=7)
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter("{x:g}")
+    axes[-1].set_xlabel(
+        "root-mean-square error of a free run over the official test; dots: certified models, one a seed"
+    )
+    return figure
+
+
 DRAWN: dict[str, Callable[[dict[str, Any]], Figure]] = {
     "growth": growth,
+    "public": public,
     "peers_identification": peers_identification,
     "admits_failure": admits_failure,
     "peers_accuracy": peers_accuracy,

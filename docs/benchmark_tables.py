@@ -1,16 +1,18 @@
 """Puts benchmarks/results/*.json into the page on benchmarks while the site is built: every figure, none chosen.
 
 The line `<!-- results -->` of docs/benchmarks.md is replaced: a section a file, single values in one table, lists of
-records in one table each, longer ones folded; pictures of docs/images/benchmarks/ come first.
+records in one table each, longer ones folded; pictures of docs/images/benchmarks/ come first. The line
+`<!-- public benchmarks -->` of docs/outputs.md becomes the errors on public benchmarks beside published ones.
 """
 
 import json
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PICTURES = ROOT / "benchmarks" / "results", ROOT / "docs" / "images" / "benchmarks"
-MARK = "<!-- results -->"
+MARK, PUBLIC = "<!-- results -->", "<!-- public benchmarks -->"
 MOST_ROWS = 60  # of a table; the file has all
 OPEN_ROWS = 12  # of a table that is not folded
 LONGEST = 60  # characters of a cell
@@ -18,7 +20,38 @@ LONGEST = 60  # characters of a cell
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Fill the page: a hook of MkDocs."""
-    return markdown.replace(MARK, results()) if MARK in markdown else markdown
+    for mark, made in ((MARK, results), (PUBLIC, public)):
+        markdown = markdown.replace(mark, made()) if mark in markdown else markdown
+    return markdown
+
+
+def public(folder: Path = RESULTS) -> str:
+    """Return a table for every public benchmark: median and spread over seeds, beside what others have published."""
+    content = json.loads((folder / "public.json").read_text(encoding="utf-8"))
+    names = dict.fromkeys(row["benchmark"] for row in content["rows"])
+    return "\n\n".join(_compared(name, content) for name in sorted(names))
+
+
+def _compared(name: str, content: dict[str, Any]) -> str:
+    rows, others = ([row for row in content[key] if row["benchmark"] == name] for key in ("rows", "published"))
+    spread = {
+        f"{test}, {rows[0]['unit']}": f"**{median(found):.3f}** ({min(found):.3f} to {max(found):.3f})"
+        for test, found in ((test, [row["errors"][test] for row in rows]) for test in rows[0]["errors"])
+    }
+    ours = {
+        "model": f"persid, median and spread of {len(rows)} seeds", **spread,
+        "certified": f"{sum(row['certified'] for row in rows)} of {len(rows)}",
+        "seconds": f"{median(row['seconds'] for row in rows):.0f}",
+    }  # fmt: skip
+    theirs = [
+        {
+            "model": row["model"],
+            **dict(zip(spread, map(str, row["errors"].values()), strict=True)),
+            "source": row["source"],
+        }
+        for row in others
+    ]
+    return f"**{name.capitalize()}**\n\n{table([ours, *theirs])}"
 
 
 def results(folder: Path = RESULTS) -> str:
