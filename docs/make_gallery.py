@@ -26,6 +26,7 @@ TITLES = {
     "duffing": "A Duffing oscillator with damping",
     "power_swing": "Three areas of a power grid",
     "network": "A network of 10,000 states",
+    "outputs": "Inputs and outputs only: two tanks and one sensor",
     "qube": "Measured: a rotary pendulum",
     "faster": "Measured: a fatigue-test rig",
 }
