@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from persid.errors import PersidError as PersidError
     from persid.errors import RejectedError as RejectedError
     from persid.errors import UnderdeterminedError as UnderdeterminedError
+    from persid.identification.advice import Advice as Advice
+    from persid.identification.advice import Diagnosis as Diagnosis
+    from persid.identification.advice import advise as advise
     from persid.identification.identifier import PersidskiiIdentifier as PersidskiiIdentifier
     from persid.lyapunov.operating_points import OperatingPoint as OperatingPoint
     from persid.lyapunov.operating_points import find_operating_point as find_operating_point
@@ -65,6 +68,7 @@ _HOMES = {
         "RejectedError",
         "UnderdeterminedError",
     ),
+    "persid.identification.advice": ("Advice", "Diagnosis", "advise"),
     "persid.identification.identifier": ("PersidskiiIdentifier",),
     "persid.models.files": ("load_model",),
     "persid.models.model": ("PersidskiiModel",),
@@ -84,11 +88,13 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Accepted",
+    "Advice",
     "Bootstrap",
     "Certificate",
     "Certified",
     "CertifiedIdentifier",
     "DataError",
+    "Diagnosis",
     "Failed",
     "GeneratorError",
     "Malformed",
@@ -111,6 +117,7 @@ __all__ = [
     "UnderdeterminedError",
     "Witness",
     "__version__",
+    "advise",
     "bootstrap",
     "certify",
     "certify_many",

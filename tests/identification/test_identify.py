@@ -311,19 +311,6 @@ def test_least_squares_is_warned_about():
     assert report.largest_coefficient > 20
 
 
-@pytest.mark.long
-def test_dynamics_within_a_sample_are_left_to_edmd():
-    """Where the weak form cannot see what settles within a sample, the report names the estimator that can."""
-    rng = np.random.default_rng(0)
-    u, x = rng.normal(0, 10, (1000, 1)), np.zeros((1000, 1))
-    for k in range(999):
-        x[k + 1] = 0.2 * x[k] + u[k] + rng.normal(0, 20)
-    report = PersidskiiIdentifier(["x"], window=2, ridge=0.001).fit(x, u=u, dt=60.0).report_
-    edmd = PersidskiiIdentifier(["x"], method="edmd").fit(x, u=u, dt=60.0).report_
-    assert report.free_run.r2_mean < 0 < 0.1 < edmd.free_run.r2_mean
-    assert f"method=\"edmd\" with functions=['x'] has R2 {edmd.free_run.r2_mean:.2f}" in report.warnings[-1]
-
-
 def test_equations_are_text_latex_and_sympy():
     """The three forms hold the same numbers."""
     sympy = pytest.importorskip("sympy")

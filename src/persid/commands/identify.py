@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from persid.commands.advice import advice_facts, advice_rows, after
 from persid.commands.console import Talk, complain
 from persid.commands.exit_codes import (
     DONE,
@@ -81,6 +82,7 @@ def run(
     """
     from persid.certified_fits.delivery import Delivery, deliver, trial
     from persid.commands.score import other_files, unseen_scores
+    from persid.identification.advice import advise
     from persid.identification.derivatives import embedded, refuse_constant, velocity_names
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
@@ -132,9 +134,11 @@ def run(
             mine = unseen_scores(made.model, kept_out, basis, fit.hold)
             other = mine if made.model is fit.model_ else unseen_scores(fit.model_, kept_out, basis, fit.hold)
             made = replace(made, scores=mine, free_scores=other)
+        known = None if test else made.free_scores or made.scores
+        diagnosis = after(advise(fit, measured, known, progress), how["delay"])
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         tested = sources(files_of(list(test))) if test else ()
-        record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts, tested)
+        record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts, tested, diagnosis)
         progress("drawing the report")
         held = kept_out if test else held_out(measured, made.scores)
         proof = write_folder(output, Results(made.model, verdict, measured, record, held), made.alternative)
@@ -144,13 +148,14 @@ def run(
     report = fit.report_
     rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
     beside = cautions(verdict, made.scores, measured, made.model)
-    rows += [*_remarks(report), *verdict_rows(verdict), *(("but", doubt) for doubt in beside)]
+    rows += [*_remarks(report), *advice_rows(diagnosis), *verdict_rows(verdict), *(("but", doubt) for doubt in beside)]
     rows += [*alternative_rows(made), *list(files.items())[1:]]
     said = {
         "caution": "; ".join(beside) or None,
         "fits": (made.comparison or {}).get("fits"),
         "files": files,
         **score_facts(made),
+        **advice_facts(diagnosis),
     }
     talk.result(brief.to_dict() | said | {"notes": list(report.notes), "warnings": list(report.warnings)}, rows)
     return EXIT[brief.verdict]
@@ -178,6 +183,7 @@ def identify(
     Example:
       persid identify examples/traffic.csv --states x1,x2 --inputs u -o model.json
     """
+    from persid.identification.advice import advise
     from persid.models.equations import equations
 
     talk = Talk(as_json, quiet)
@@ -189,13 +195,20 @@ def identify(
         progress("identifying the model")
         options = {"functions": functions, "ridge": ridge, "method": method, "refine": refine}
         fit = _identify(measured, **options, **chosen)
+        diagnosis = after(advise(fit, measured, progress=progress), how["delay"])
     output.parent.mkdir(parents=True, exist_ok=True)
     fit.model_.save(output)
     text = equations(fit.model_)
-    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), ("equations", text), ("model", str(output))]
+    rows = [*_data_rows(data, measured), *_fit_rows(fit.report_), ("equations", text), *advice_rows(diagnosis)]
+    rows += [("model", str(output))]
     report = fit.report_
     scores = {"ridge": report.ridge, "condition": _number(report.condition_scaled)} | _scores(report)
-    talk.result({"model": str(output), "sha256": fit.model_.sha256, "equations": text.splitlines()} | scores, rows)
+    talk.result(
+        {"model": str(output), "sha256": fit.model_.sha256, "equations": text.splitlines()}
+        | scores
+        | advice_facts(diagnosis),
+        rows,
+    )
     return DONE
 
 

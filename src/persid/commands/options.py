@@ -1,6 +1,7 @@
 """The words of the command line: types of arguments, and the options that several commands share."""
 
 import csv
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,25 @@ class Numbers(ParamType):
             return [float(part) for part in value.split(",")]
         except ValueError:
             self.fail(f"{value!r} is not a list of numbers such as 1,3", param, ctx)
+
+
+class Delays(ParamType):
+    """Dead times of inputs, such as u=2.0 or "u=2 min, v=300 ms", separated by commas."""
+
+    name = "name=time"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return seconds by the name of the input."""
+        if not isinstance(value, str):
+            return value
+        found = {}
+        for part in next(csv.reader([value], skipinitialspace=True), []):
+            match = re.fullmatch(r"(.+?)\s*=\s*([-+.\d]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", part.strip())
+            if match is None or (match[3] or "s") not in SECONDS:
+                units = ", ".join(SECONDS)
+                self.fail(f'{part.strip()!r} is no dead time such as u=2.0 or "u=300 ms" ({units})', param, ctx)
+            found[match[1].strip()] = float(match[2]) * SECONDS[match[3] or "s"]
+        return found
 
 
 class Functions(ParamType):
@@ -170,6 +190,8 @@ columns = together(
                  help="Empty cells and NaN: an error; split: a run ends; drop: the row is left out (slow and fast "
                       "channels in one file); interpolate: states by straight lines, inputs held."),
     click.option("--na", type=Names(), default=[], help="Values that mean missing, too, such as -9999."),
+    click.option("--delay", type=Delays(), default={}, metavar="NAME=TIME",
+                 help='Dead time of an input, such as u=2.0 in s, or "u=2 min": u(t - 2) then stands beside x(t).'),
     click.option("--run-column", "run", metavar="NAME", help="Column that tells runs apart."),
 )  # fmt: skip
 reading = together(states, columns)

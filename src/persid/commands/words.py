@@ -9,7 +9,7 @@ OPTIONS = {
     for name in (
         "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
         "shared", "velocities", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine",
-        "operating_point", "u_op", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
+        "operating_point", "u_op", "delay", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
         "neurons", "activation", "min_rate", "max_output_gain", "measured",
     )
 } | {"run": "--run-column", "output": "--output-map"}  # fmt: skip

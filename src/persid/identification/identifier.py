@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from persid.errors import DataError, PersidError
+from persid.errors import DataError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
@@ -166,8 +166,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.blocks_ = tuple(solution.blocks.values())
         self.ridge_ = solution.ridge
         self.coef_ = solution.theta.T
-        report = self._report(problem, solution, (*data.notes, *notes))
-        self.report_ = replace(report, warnings=(*report.warnings, *self._advice(report, measured)))
+        self.report_ = self._report(problem, solution, (*data.notes, *notes))
         self.model_ = problem.basis.model(
             solution.theta, domain=problem.box, provenance=_provenance(self, measured, self.report_)
         )
@@ -285,30 +284,6 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             notes=notes,
             warnings=diagnostics.remarks(facts, problem.basis.size, moved, foretold, solution.curve),
             spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
-        )
-
-    def _advice(self, report: FitReport, measured: Measurements) -> tuple[str, ...]:
-        """Where free runs foretell less than the mean, say whether the method's rival does better on the same tail.
-
-        What settles within a sample looks like noise to integrals over windows; a map from sample to sample sees it.
-        """
-        mine, rival = report.free_run, self._estimator.rival
-        if rival is None or mine is None or mine.r2_mean >= 0 or isinstance(measured, Recordings):
-            return ()
-        tried = []
-        for functions in (self.functions, ["x"]):
-            try:
-                other = clone(self).set_params(method=rival, functions=functions).fit(measured).report_.free_run
-            except (PersidError, ValueError):  # no logarithm, uneven times, an option that EDMD has not
-                continue
-            if other is not None and not other.blow_ups and other.r2_mean > 0:
-                tried.append((other.r2_mean, functions))
-        if not tried:
-            return ()
-        score, functions = max(tried, key=lambda pair: pair[0])
-        return (
-            f'on the same tail method="{rival}" with functions={list(functions)!r} has R2 {score:.2f}; try it: what '
-            "settles within a sample escapes the weak form",
         )
 
     def _remember(self, measured: Measurements, X: Any) -> None:

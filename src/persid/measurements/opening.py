@@ -4,7 +4,7 @@ Cuts are those of `persid.read_csv`: incomplete rows, and steps in time above te
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 from itertools import accumulate, groupby, pairwise
@@ -37,6 +37,7 @@ def open_recordings(
     time: str | None = None,
     dt: float | int | None = None,
     run: str | None = None,
+    delay: Mapping[str, float | int] | None = None,
     gap: float | int | None = None,
     missing: str = "error",
     na: Sequence[Any] = (),
@@ -55,7 +56,7 @@ def open_recordings(
     Args:
         source: where the measurements are.
         states, inputs, time, dt, gap, missing, na: as for `persid.read_measurements` (dt and gap in s).
-        run: the column that tells runs apart.
+        run: the column that tells runs apart.  delay: refused; dead times need the data in memory.
         engine: None (this process), "dask" or a `distributed.Client`.  scheduler: the address of a Dask scheduler.
         progress: is called with a line of text.
 
@@ -68,6 +69,8 @@ def open_recordings(
         ('x1', 'x2')
     """
     columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run)
+    if delay:
+        raise DataError("delay= needs the data in memory: an input may lie in the chunk before; read them whole")
     if missing == "drop" and dt is not None:
         raise DataError('missing="drop" chunk by chunk needs a column of times (time=), not a step (dt=)')
     return look_through(list(_chunks_of(source)), columns, make_engine(engine, scheduler, progress))

@@ -8,6 +8,7 @@ import pandas as pd
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.measurements.delays import late_runs
 from persid.measurements.tables import Columns, Rows, Table, rows_of
 from persid.measurements.trajectory import Runs, Trajectory
 
@@ -26,7 +27,8 @@ def runs_of_tables(tables: Iterable[Table], columns: Columns) -> Runs:
     notes: list[str] = []
     for table in tables:
         runs += _runs(table, columns, notes)
-    return Runs(tuple(runs), columns.states, columns.inputs, shortened(notes))
+    late, told = late_runs(runs, columns.inputs, columns.delay)
+    return Runs(late, columns.states, columns.inputs, (*shortened(notes), *told))
 
 
 def shortened(notes: list[str]) -> tuple[str, ...]:

@@ -32,7 +32,8 @@ class Columns:
     """What is taken from a table: names, where the time comes from (a column, or the step dt in s), what ends a run.
 
     `missing` says what becomes of empty cells and NaN, `na` lists further values that mean the same, `run` is the
-    column that tells runs apart, `origin` the instant that counts as 0 where dates are read chunk by chunk.
+    column that tells runs apart, `origin` the instant that counts as 0 where dates are read chunk by chunk; `delay`
+    holds how many s later inputs act than they are recorded.
 
     Raises:
         DataError: the question contradicts itself.
@@ -47,6 +48,7 @@ class Columns:
     na: tuple[Any, ...] = ()
     run: str | None = None
     origin: Any = None
+    delay: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.missing not in MISSING:

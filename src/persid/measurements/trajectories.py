@@ -1,6 +1,6 @@
 """Trajectories: sampled runs of a system, never paired across their ends."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
@@ -10,6 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.measurements.delays import late_runs
 from persid.measurements.trajectory import Runs, Trajectory
 
 if TYPE_CHECKING:
@@ -98,6 +99,22 @@ class Trajectories(Sequence[Trajectory]):
         runs = tuple(replace(run, u=run.u[:, kept]) for run in self)
         return Trajectories(runs, self.states, tuple(names), self.notes)
 
+    def delayed(self, delay: Mapping[str, float | int]) -> "Trajectories":
+        """Return data in which u(t - delay) stands beside x(t); delays in s, by the names of inputs.
+
+        Every run loses its beginning, for which the earlier inputs are not known. Between samples the nearest counts.
+
+        Raises:
+            DataError: a name is no input, a delay is no number >= 0, or no run is longer than the delays.
+
+        Examples:
+            >>> data = ps.Trajectories.from_arrays(np.zeros((5, 1)), np.arange(5.0), dt=0.1)
+            >>> data.delayed({"u1": 0.2})[0].u[:, 0].tolist()
+            [0.0, 1.0, 2.0]
+        """
+        runs, notes = late_runs(self.runs, self.inputs, delay)
+        return replace(self, runs=runs, notes=(*self.notes, *notes))
+
     @classmethod
     def from_arrays(
         cls,
@@ -137,7 +154,7 @@ class Trajectories(Sequence[Trajectory]):
         """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time).
 
         Time is a column or an index that is named like one or holds dates. `states` defaults to all columns that are
-        neither inputs nor time. `time`, `dt` (s), `gap` (s), `missing`, `na` and `run` are those of
+        neither inputs nor time. `time`, `dt` (s), `gap` (s), `missing`, `na`, `run` and `delay` are those of
         `persid.read_measurements`.
 
         Raises:

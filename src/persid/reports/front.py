@@ -40,16 +40,18 @@ def front(results: Results) -> Front:
     """Return status and sentence: green only where the proof holds and the model foretells what it has not seen."""
     verdict, scores = results.verdict, _scores(results)
     told = "" if scores is None else f"; {foretelling(scores)}"
+    found = cautions(verdict, scores, results.data, results.model)
+    doubts = tuple(map(_capital, found))
     if not isinstance(verdict, Certified):
         if isinstance(verdict, Refuted):
-            return Front("refuted", "✗", "Proved not stable", f"{verdict.witness.sentence.rstrip('.')}{told}.", ())
+            return Front("refuted", "✗", "Proved not stable", f"{verdict.witness.sentence.rstrip('.')}{told}.", doubts)
         sentence = f"{verdict.reason.value.rstrip('.')}{told}."
-        return Front("undecided", "?", "Undecided: neither proved stable nor refuted", sentence, ())
-    doubts = cautions(verdict, scores, results.data, results.model) or ((UNSCORED,) if scores is None else ())
+        return Front("undecided", "?", "Undecided: neither proved stable nor refuted", sentence, doubts)
+    doubts = doubts or ((_capital(UNSCORED),) if scores is None else ())
     sentence = f"{_capital(in_the_long_run(verdict))}, by proof{told}."
     proved = "Proved stable in a region" if verdict.certificate.scope == "regional" else "Proved stable"
     if doubts:
-        return Front("certified doubtful", "!", f"{proved}, but doubtful", sentence, tuple(map(_capital, doubts)))
+        return Front("certified doubtful", "!", f"{proved}, but doubtful", sentence, doubts)
     return Front("certified", "✓", f"{proved}, and it foretells", sentence, ())
 
 

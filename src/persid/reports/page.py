@@ -104,6 +104,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
     template = environment().get_template("report.html.jinja")
     model, verdict = results.model.dense(), results.verdict
     proof, claim, name = _proven(verdict)
+    diagnosis = results.record.diagnosis if results.record else None
     return template.render(
         model=model,
         model_sha256=results.model.sha256,
@@ -124,6 +125,8 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         data=results.data,
         overview=_overview(results.data) if results.data else [],
         record=results.record,
+        diagnosis=diagnosis,
+        advice=(*diagnosis.remedies, *diagnosis.findings) if diagnosis else (),
         fit=results.record.fit if results.record else None,
         spectrum=_spectrum(results),
         candidates=_candidates(results),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from persid.errors import FolderError
+from persid.identification.advice import Diagnosis
 from persid.identification.diagnostics import FitReport
 from persid.identification.scores import Scores
 from persid.measurements.readers.sources import Content, sha256
@@ -45,6 +46,7 @@ class Record:
     comparison: Mapping[str, Any] | None = None
     scores: Scores | None = None
     test: tuple[Source, ...] = ()
+    diagnosis: Diagnosis | None = None
 
     def save(self, folder: Path) -> None:
         """Write run.json; paths of measurements are kept absolute."""

@@ -3,7 +3,7 @@
 A format is one file here: what reads it into a `Table`, and the bytes it begins with.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ def read_measurements(
     missing: str = "error",
     na: Sequence[Any] = (),
     run: str | None = None,
+    delay: Mapping[str, float | int] | None = None,
 ) -> Trajectories:
     """Read files of measurements in any form: text, Parquet, xlsx, MATLAB, compressed by gz, zip, xz or bz2.
 
@@ -52,6 +53,7 @@ def read_measurements(
             "interpolate", states are filled by straight lines and inputs held.
         na: values that mean missing, too, such as -9999.
         run: the column that tells runs apart.
+        delay: dead times of inputs in s, such as {"u": 2.0}: u(t - 2 s) then stands beside x(t).
 
     Raises:
         DataError: a column is missing, a cell is no finite number, times are repeated, or rows are too few; the
@@ -65,7 +67,7 @@ def read_measurements(
         >>> data[0].t.tolist(), data[0].x[:, 0].tolist()
         ([0.0, 0.02], [1.5, 1.25])
     """
-    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run)
+    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run, delay=dict(delay or {}))
     return Trajectories.of(runs_of_tables((table_of(source, columns) for source in files_of(paths)), columns))
 
 
