@@ -77,3 +77,5 @@ def test_a_free_run_keeps_to_its_bound_and_foretells(results: Results) -> None:
     assert run.bound is not None
     assert run.rest is not None
     assert (np.abs(run.simulated.x - run.rest) <= run.bound).all()
+    assert run.steady is not None
+    assert (run.steady <= run.bound[-1]).all()

@@ -19,7 +19,10 @@ START_SHARE, FEWEST, MOST = 0.02, 4, 50  # of a record, that give its initial st
 
 @dataclass(frozen=True, eq=False)
 class OutputRun:
-    """A record, the model's free run from its first samples, its scores, and y* with the bound of |y - y*|."""
+    """A record, the model's free run from its first samples, its scores, and y* with the bound of |y - y*|.
+
+    `steady` is what that bound tends to for inputs as large as the record's, in the unit of each output.
+    """
 
     measured: Trajectory
     simulated: Trajectory
@@ -28,6 +31,7 @@ class OutputRun:
     rmse: Float[ndarray, " l"]
     rest: Float[ndarray, " l"] | None
     bound: Float[ndarray, "N l"] | None
+    steady: Float[ndarray, " l"] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +89,17 @@ def _run(model: OutputModel, run: Trajectory, verdict: Verdict | None) -> Output
 
 def _bounds(
     model: OutputModel, x0: ndarray, run: Trajectory, verdict: Verdict | None
-) -> tuple[ndarray | None, ndarray | None]:
+) -> tuple[ndarray | None, ndarray | None, ndarray | None]:
     if not (isinstance(verdict, Certified) and isinstance(verdict.certificate, Certificate)):
-        return None, None
+        return None, None, None
     certificate = verdict.certificate
     if not certificate.outputs:
-        return None, None
+        return None, None, None
     u = certificate.input
     largest = float(np.linalg.norm(run.u - u, axis=1).max(initial=0.0))
     try:
         bound = certificate.output_bound(x0, largest, run.t - run.t[0])
+        steady = certificate.output_bound(certificate.operating_point, largest, np.zeros(1))[0]
     except PersidError:  # a region that this record leaves
-        return None, None
-    return model.output(certificate.operating_point, u), bound
+        return None, None, None
+    return model.output(certificate.operating_point, u), bound, steady

@@ -63,4 +63,4 @@ def _read_again(sources: Sequence[Source], reading: Mapping[str, Any], model: An
         return None
     how = dict(reading)
     states = {name: how.pop(name, 0) for name in ("derivatives", "delays")}
-    return embedded(read_measurements(paths, **how).with_inputs(model.inputs), **states)
+    return embedded(read_measurements(paths, **how).with_inputs(getattr(model, "dynamics", model).inputs), **states)
