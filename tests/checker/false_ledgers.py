@@ -208,6 +208,30 @@ FALSEHOODS.append(
 )
 FALSEHOODS.append(Falsehood("difference_at_other_point", R, "that is no equilibrium", _shifted([0, 0], 1.0, _Z)))
 
+
+def _moved(name: str, base: str, at: int, value: float, shift: Any) -> None:
+    """A ledger of relus about the equilibrium that has one entry `value`; b keeps it at rest exactly."""
+
+    def content() -> bytes:
+        found = copy.deepcopy(known_ledgers.load(base))
+        model, n = found["model"], len(found["model"]["states"])
+        term = model["terms"][0]
+        term["f"] = found["curves"][0]["functions"][0][0] = "relu(x)"
+        column = [round(8 * float.fromhex(row[at])) / 8 for row in term["A"]]  # few bits: all sums are exact
+        for row, a in zip(term["A"], column, strict=True):
+            row[at] = (a + 0.0).hex()
+        model["b"] = [(value * (i == at) - a * max(value, 0.0) + 0.0).hex() for i, a in enumerate(column)]
+        found["operating_point"] = {"x": [number(value * (i == at)) for i in range(n)], "radius": [0, 0], "u": [[0, 0]]}
+        found["curves"][0]["shift"] = shift
+        found["model_sha256"] = model_sha256(model)
+        return data(found)
+
+    FALSEHOODS.append(Falsehood(name, R, "the centres of the points differ, or the relu is shifted", content))
+
+
+for _at, _value in ((0, 1.0), (1, 1.0), (2, 2.0), (0, -1.0), (1, 0.5)):
+    _moved(f"difference_of_other_centres_{_at}_{_value}", D, _at, _value, "any")
+
 # --- one-signed facts
 ONE = "one_signed"
 _set("one_signed_of_sector", ONE, R, "y - relu is nondecreasing, not one-signed", (("facts", "one_signed", 0, 1), 1))
@@ -219,6 +243,14 @@ _set("one_signed_shifted", ONE, R, "relu(x + 1) - x is one-signed, relu(x + 1) -
      *_f("relu(x+1)-1"))  # fmt: skip
 _set("one_signed_softplus", ONE, R, "softplus(x) - log 2 has both signs", *_f("softplus(x)-0.6931471805599453"))
 _set("one_signed_tau", ONE, M, "a multiplier is negative", (("facts", "one_signed", 0, 4), [-1, 0]))
+
+_set("one_signed_from_half", ONE, R, "relu(x + 1/2) - 1/2 has both signs", *_f("relu(x+0.5)-0.5"))
+_set("one_signed_from_near", ONE, R, "so has a relu that is shifted by a millionth", *_f("relu(x+1e-6)-1e-6"))
+_set("one_signed_from_one", ONE, R, "relu(x - 1) - x is -1 far out", *_f("relu(x-1)"))
+_set("one_signed_bounded", ONE, R, "a relu that ends falls below x", *_f("relu(x)-relu(x-1)"))
+for _at in (0, 1):
+    _moved(f"one_signed_about_one_{_at}", ONE, _at, 1.0, [[1, -1], [1, -1]])
+_moved("one_signed_about_any", ONE, 0, 1.0, "any")
 
 # --- zero rows
 _set(
@@ -279,6 +311,18 @@ _set(
     "product_cuts_short", C, R, "beyond the cuts it is not proved", (("curves", 0, "products", 0, 3), [-4, [-8, 0, 8]])
 )
 
+_set("constant_as_value", C, R, "the constant is left out: y (y^3 - 2 y) is negative",
+     (("facts",), {"value": [[0, 0, 1, [1, -4]]], "one_signed": [], "difference": [], "constant": []}))  # fmt: skip
+_set("constant_as_one_signed", C, R, "the same as a product of one-signed forms",
+     (("facts",), {"value": [], "one_signed": [[0, 0, 0, 1, [1, -4]]], "difference": [], "constant": []}))  # fmt: skip
+_set("constant_left_out_of_upper", "below", R, "y^2/2 + y is larger than y (y + 1) / 2",
+     (("curves", 0, "forms", 1, "upper", 0), [1, -1]))  # fmt: skip
+_set(
+    "constant_below_a_square", "below", R, "1 is not larger than 1.01", (("curves", 0, "products", 0, 2), number(-1.01))
+)
+_set("constant_left_out_below", "below", R, "the integral of y + 1 falls to -1/2",
+     (("curves", 0, "forms", 1, "offset"), [0, 0]))  # fmt: skip
+
 # --- regions
 G = "region"
 _set("strip_open", G, R, "sin has no sign on all of R", (("curves", 0, "domain"), None))
@@ -310,6 +354,12 @@ _set(
 )
 _set("region_with_force", G, R, "b moves the equilibrium", (("model", "b", 1), (0.125).hex()))
 
+_set("strip_half_open", G, R, "the upper end is beyond the cuts", (("curves", 0, "domain", 1), [1, 2000]))
+_set("strip_half_open_below", G, R, "the lower end is beyond the cuts", (("curves", 0, "domain", 0), [-1, 2000]))
+_set("strip_without_end", G, M, "a strip has two ends", (("curves", 0, "domain", 1), None))
+_set("strip_of_one_number", G, M, "a strip has two ends", (("curves", 0, "domain"), [[-2, 0]]))
+_set("strip_on_a_face", G, R, "0 is on a face", (("strips",), [[[[1, [1, 0]]], [-1, 0], [0, 0]]]))
+
 # --- outputs
 Y = "outputs"
 _set("output_bound_small", Y, R, "c'Pt^-1 c is larger", (("outputs", 0, "bound"), lambda pair: [pair[0], pair[1] - 1]))
@@ -320,6 +370,11 @@ _set("output_direct", Y, M, "one a input", (("outputs", 0, "direct"), []))
 FALSEHOODS.append(
     Falsehood("output_without_factor", R, "V has no factor", lambda: changed(Y, ((("proof", "V"), None),)))
 )
+
+_set("output_bound_zero", Y, R, "only a zero row has the bound 0", (("outputs", 0, "bound"), [0, 0]))
+_set("output_bound_a_tenth_less", Y, R, "c'Pt^-1 c is larger",
+     (("outputs", 0, "bound"), lambda pair: [pair[0] * 9 // 10, pair[1]]))  # fmt: skip
+_set("output_of_the_other_sign", Y, R, "the row's other sum is larger", (("outputs", 0, "row", 1, 1), [4, 0]))
 
 # --- numbers of the claim
 _set("kappa_large", V, R, "faster than the model", (("kappa",), [8, 0]))
