@@ -8,7 +8,7 @@ import pytest
 from persid._dyadics import dyadic, dyadics, rounded, value
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import factor
-from persid.certificates.stability import write
+from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import Lyapunov, choose
@@ -30,7 +30,7 @@ def _found(name: str) -> tuple[PersidskiiModel, Lyapunov]:
 def test_written_file_is_accepted_and_read_back(tmp_path: object) -> None:
     """A certificate that was saved is loaded with the same bytes and the same P."""
     model, lyapunov = _found("damped tanh")
-    certificate = Certificate.accept(write(model, lyapunov))
+    certificate = prove(model, lyapunov)
     path = f"{tmp_path}/one.json"
     certificate.save(path)
     assert load_certificate(path).data == certificate.data
@@ -41,7 +41,7 @@ def test_written_file_is_accepted_and_read_back(tmp_path: object) -> None:
 def test_V_falls_along_solutions() -> None:
     """The V of a certificate is positive and decreases along a solution at the nominal input."""
     model, lyapunov = _found("skew cubes")
-    certificate = Certificate.accept(write(model, lyapunov))
+    certificate = prove(model, lyapunov)
     run = model.simulate([1.5, -1.0], np.linspace(0, 5, 101))
     V = certificate.V(np.asarray(run[0].x))
     assert (V > 0).all()
@@ -61,7 +61,7 @@ def test_what_is_infeasible_is_refused() -> None:
 def test_tampered_number_is_rejected() -> None:
     """A certificate with P made zero, or with a multiplier made negative, is refused with the checker's reason."""
     model, lyapunov = _found("damped tanh")
-    content = json.loads(write(model, lyapunov))
+    content = prove(model, lyapunov).content
     with pytest.raises(RejectedError, match="checker"):
         Certificate.accept(json.dumps(content | {"P": {"diagonal": [[0, 0], [0, 0]]}}).encode())
     content["gamma"] = [-1, 0]

@@ -235,7 +235,7 @@ def test_bound_stays_above_the_run(ax: Axes) -> None:
 def test_sector_forms_have_the_sign_of_y(ax: Axes, name: str) -> None:
     """Every drawn sector form keeps to the shaded quadrants, about shifted points as well."""
     certificate = ps.load_certificate(VALID / f"{name}.json")
-    for g in range(len(certificate.content["groups"])):
+    for g in range(len(certificate.stated.parts)):
         plots.sector_forms(ax, certificate, g)
     for line in ax.lines:
         if line.get_color() == plots.FORM:

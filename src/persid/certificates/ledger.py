@@ -194,7 +194,7 @@ def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
         "spanning": _spanning(content, model, points, written),
         "kappa": content["kappa"] if rated else [0, 0],
         "p": content["p"] if rated else [0, 0],
-        "strips": _strips(content, model) if regional else [],
+        "strips": _strips(content, model, points, written) if regional else [],
         "level": content["level"] if regional else [0, 0],
         "input_bound": content["input_bound"] if regional else [0, 0],
         "outputs": [],
@@ -273,9 +273,13 @@ def _relative_box(content: dict[str, Any], model: Model) -> list[tuple[Fraction,
     ]
 
 
-def _strips(content: dict[str, Any], model: Model) -> list[Any]:
-    box = _relative_box(content, model)
-    return [[[[i, [1, 0]]], dyadic(lo), dyadic(hi)] for i, (lo, hi) in enumerate(box)]
+def _strips(
+    content: dict[str, Any], model: Model, points: list[dict[str, Any]], curves: list[dict[str, Any]]
+) -> list[Any]:
+    """Return the sides of the box, but for those that stand as the domain of a point."""
+    sides = [([[i, [1, 0]]], [dyadic(lo), dyadic(hi)]) for i, (lo, hi) in enumerate(_relative_box(content, model))]
+    standing = [(point["row"], curves[point["curve"]]["domain"]) for point in points]
+    return [[row, *ends] for row, ends in sides if (row, ends) not in standing]
 
 
 def _spanning(

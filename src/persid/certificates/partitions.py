@@ -34,12 +34,11 @@ def cuts_of(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | No
     if ends is None:
         return None
     germ = _germ(lemma, ends, low, high)
-    if germ is None:
-        return None
-    left, right = _bisected(lemma, ends[0], germ[0]), _bisected(lemma, germ[-1], ends[1])
-    if left is not None and right is not None:
+    left = None if germ is None else _bisected(lemma, ends[0], germ[0])
+    right = None if germ is None or left is None else _bisected(lemma, germ[-1], ends[1])
+    if germ is not None and left is not None and right is not None:
         return tuple(sorted({*left, *germ, *right}))
-    return _equal(lemma, ends, domain) if lemma.kind in SUMMED else None
+    return _graded(lemma, ends, domain) if lemma.kind in SUMMED else None
 
 
 def _refuted(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> bool:
@@ -56,16 +55,24 @@ def _refuted(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> bool:
     return False
 
 
-def _equal(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
-    """Return equal pieces, few enough, for a quantity that falls below 0 where it rose before."""
+def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+    """Return pieces that grow with the distance from the centre, for a quantity that falls below 0 where it has risen.
+
+    Near the centre the quantity is about linear in the distance, so only pieces that are short beside it keep its sign.
+    """
     low, high = lemma.centre or (_ZERO, _ZERO)
-    for count in (16, 64, 256, 1024):
-        left = [low - (low - ends[0]) * k / count for k in range(0 if low == high else 1, count + 1)]
-        right = [high + (ends[1] - high) * k / count for k in range(1, count + 1)]
-        cuts = (*left[::-1], *right)
+    for count in (32, 128, 512):
+        left = [low - d for d in _distances(low - ends[0], count)]
+        right = [high + d for d in _distances(ends[1] - high, count)]
+        cuts = (*left[::-1], *((low,) if low == high else ()), *right)
         if lemma.unproved(cuts, domain) is None:
             return cuts
     return None
+
+
+def _distances(reach: Fraction, count: int) -> list[Fraction]:
+    """Return distances that rise in equal ratios, from a millionth of the reach to all of it."""
+    return [reach * Fraction(2.0 ** (20.0 * k / count - 20.0)) for k in range(count + 1)]
 
 
 def _ends(lemma: Lemma) -> tuple[Fraction, Fraction] | None:

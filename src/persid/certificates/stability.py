@@ -1,4 +1,7 @@
-"""certificates.stability."""
+"""The certificate of a Lyapunov function.
+
+It is a ledger; version 1 is written where a lemma has no partition that is found, and where outputs are bounded.
+"""
 
 from typing import Any
 
@@ -7,23 +10,50 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import _floor, dyadic, dyadics, rounded
+from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, factor, heading
+from persid.certificates.ledger import as_ledger
+from persid.certificates.outputs import with_outputs
+from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.sectors import Group, nondecreasing_pool
 from persid.lyapunov.system import System
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 
 _STATEMENT = "The model is input-to-state stable ({})."
 
 
-def write(
+def prove(
     model: PersidskiiModel,
     lyapunov: Lyapunov,
     point: OperatingPoint | None = None,
     box: Float[ndarray, "n 2"] | None = None,
-) -> bytes:
-    """Return the bytes of a certificate: claim R with a box, claim E with a rate, else G (all states kept) or M."""
+    outputs: OutputModel | None = None,
+) -> Certificate:
+    """Return the certificate that the checker accepts: of a region with a box, with the rate if there is one.
+
+    Raises:
+        RejectedError: the checker accepts it in neither format.
+        RoundingError: a matrix is not positive definite in floating point.
+    """
+    content = version_1(model, lyapunov, point, box)
+    if outputs is not None:
+        return with_outputs(Certificate.accept(encode(content)), outputs)
+    try:
+        return Certificate.accept(encode(as_ledger(content)))
+    except (RejectedError, RoundingError):
+        return Certificate.accept(encode(content))
+
+
+def version_1(
+    model: PersidskiiModel,
+    lyapunov: Lyapunov,
+    point: OperatingPoint | None = None,
+    box: Float[ndarray, "n 2"] | None = None,
+) -> dict[str, Any]:
+    """Return the content of version 1: claim R with a box, claim E with a rate, else G (all states kept) or M."""
     system, states = lyapunov.system, list(lyapunov.system.states)
     rate, regional = lyapunov.kappa > 0, box is not None
     claim = "R" if regional else "E" if rate else "G" if len(states) == model.n else "M"
@@ -53,7 +83,7 @@ def write(
         bound = _floor(np.sqrt(lyapunov.kappa * level / _largest(Gamma)))
         content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
     content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
-    return encode(content)
+    return content
 
 
 def _is_incremental(lyapunov: Lyapunov) -> bool:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
-from persid.certificates.stability import write
+from persid.certificates.stability import prove as certified
 from persid.certified_fits.bilinear import Point
 from persid.certified_fits.descent import Descent, Stop, descend
 from persid.certified_fits.joint_problem import Coefficients, Demand, Frame
@@ -349,24 +349,26 @@ def certificate_of(task: Task, frame: Frame, model: PersidskiiModel, point: Poin
     points = (anchor,) if anchor is not None else find_operating_point(model)[:1]
     for equilibrium in points:
         try:
-            data = _bytes(task, frame, model, point, equilibrium)
-            if data is not None:
-                return Certificate.accept(data)
+            found = _certified(task, frame, model, point, equilibrium)
+            if found is not None:
+                return found
         except (RejectedError, RoundingError):
             continue
     return None
 
 
-def _bytes(task: Task, frame: Frame, model: PersidskiiModel, point: Point, equilibrium: OperatingPoint) -> bytes | None:
+def _certified(
+    task: Task, frame: Frame, model: PersidskiiModel, point: Point, equilibrium: OperatingPoint
+) -> Certificate | None:
     lyapunov = frame.lyapunov(model, point.y, groups(model.channels, place(model, equilibrium, task.box)))
     if lyapunov is None:
         return None
     if task.box is None:
-        return write(model, lyapunov, equilibrium)
+        return certified(model, lyapunov, equilibrium)
     rate = lyapunov.kappa or frame.units.rate
     for _ in range(RATES):
         rated = replace(lyapunov, kappa=rate)
         if rated.is_sound:
-            return write(model, rated, equilibrium, task.box)
+            return certified(model, rated, equilibrium, task.box)
         rate /= 4
     return None

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from persid._threads import few_threads
 from persid.certificates.certificate import Certificate
-from persid.certificates.outputs import refuse_steep_maps, with_outputs
+from persid.certificates.outputs import refuse_steep_maps
 from persid.certificates.witness import find_witness
 from persid.errors import ModelError
 from persid.lyapunov.interior_point import Status
@@ -68,45 +68,42 @@ def certify(
         >>> verdict.is_certified, verdict.certificate.claim
         (True, 'rate-and-gain')
     """
-    if isinstance(model, OutputModel):
-        refuse_steep_maps(model)
-        asked = {"operating_point": operating_point, "u_op": u_op, "domain": domain, "gains": gains}
-        return with_bounds(certify(model.dynamics, time_limit=time_limit, progress=progress, **asked), model)
+    outputs = model if isinstance(model, OutputModel) else None
+    if outputs is not None:
+        refuse_steep_maps(outputs)
+    dynamics = model.dynamics if isinstance(model, OutputModel) else model
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
     log = Log(float(time_limit), progress or (lambda line: None))
-    near, box = _near(model, operating_point), _box(model, domain)
-    u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
+    near, box = _near(dynamics, operating_point), _box(dynamics, domain)
+    u = dynamics.u_ref if u_op is None else vector("u_op", u_op, dynamics.m)
     try:
         with (
-            few_threads(model.n),
+            few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            return _decide(_Asked(model, near, u, box, gains == "each"), log)
+            return _decide(_Asked(dynamics, near, u, box, gains == "each", outputs), log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
 
 
-def with_bounds(verdict: Verdict, model: OutputModel) -> Verdict:
-    """Return a verdict on the dynamics as one on the outputs: its certificate, if it has a rate, bounds them."""
-    if not (isinstance(verdict, Certified) and isinstance(verdict.certificate, Certificate)):
-        return verdict
-    return replace(verdict, certificate=with_outputs(verdict.certificate, model))
-
-
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A question: the model at input u near a state (None: x_ref), in a box (None: globally), a gain for each input."""
+    """A question: the model at input u near a state (None: x_ref), in a box (None: globally), a gain for each input.
+
+    With `outputs` these are bounded where a certificate has a rate.
+    """
 
     model: PersidskiiModel
     near: ndarray | None
     u: ndarray
     box: ndarray | None
     each: bool
+    outputs: OutputModel | None = None
 
 
 def _decide(asked: _Asked, log: Log) -> Verdict:
@@ -186,7 +183,7 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
     setting, failure = Setting.of(asked.model, points[0]), stopped(Status.TIME)
     for kind in _kinds(asked.model):
         with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
-            answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log)
+            answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log, asked.outputs)
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             log.best = answer
@@ -227,7 +224,8 @@ def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certifica
         return certificate
     with log.attempt(RATED) as outcome:
         full_P = full_P or 1 < setting.model.n <= FULL_RATED_STATES
-        answer, _ = settled(setting, partial(rate_and_gain, full_P=full_P, each=asked.each, log=log), log)
+        find = partial(rate_and_gain, full_P=full_P, each=asked.each, log=log)
+        answer, _ = settled(setting, find, log, asked.outputs)
         outcome.append(_word(answer))
     return answer if isinstance(answer, Certificate) else certificate
 
@@ -246,7 +244,7 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
         for kind in _kinds(asked.model):
             with log.attempt(f"region in the box, {kind} P") as outcome:
                 find = partial(rate_and_gain, full_P=kind == "full", each=asked.each, log=log)
-                tried, setting = settled(setting, find, log)
+                tried, setting = settled(setting, find, log, asked.outputs)
                 outcome.append(_word(tried))
             if isinstance(tried, Certificate):
                 return tried

@@ -15,8 +15,8 @@ from numpy import ndarray
 
 from persid._dyadics import rounded
 from persid.certificates.certificate import Certificate
-from persid.certificates.outputs import refuse_steep_maps, with_outputs
-from persid.certificates.stability import write
+from persid.certificates.outputs import refuse_steep_maps
+from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import find_operating_point
@@ -112,7 +112,7 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
         if found is None:
             continue
         try:
-            return with_outputs(Certificate.accept(write(setting.model, found, setting.point)), model)
+            return prove(setting.model, found, setting.point, outputs=model)
         except (RejectedError, RoundingError) as error:
             progress(f"not proved: {error}")
     return None

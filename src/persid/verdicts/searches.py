@@ -8,13 +8,14 @@ import numpy as np
 
 from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import find_obstruction
-from persid.certificates.stability import write
+from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, best_rate, smallest_gain
 from persid.lyapunov.search import search
 from persid.lyapunov.shifted_model import Setting
+from persid.models.outputs import OutputModel
 from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
@@ -26,7 +27,9 @@ RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
 Find = Callable[[Setting], Lyapunov | Failure]
 
 
-def settled(setting: Setting, find: Find, log: Log) -> tuple[Certificate | Failure, Setting]:
+def settled(
+    setting: Setting, find: Find, log: Log, outputs: OutputModel | None = None
+) -> tuple[Certificate | Failure, Setting]:
     """Find, prove what is used, write and check; what is not proved leaves the pools, and the search is made again.
 
     Returns:
@@ -44,7 +47,7 @@ def settled(setting: Setting, find: Find, log: Log) -> tuple[Certificate | Failu
             setting, dropped = setting.without_unproved(found)
             if not dropped:
                 log.progress("checking in exact arithmetic")
-                return Certificate.accept(write(setting.model, found, setting.point, setting.box)), setting
+                return prove(setting.model, found, setting.point, setting.box, outputs), setting
         except RejectedError as error:
             if isinstance(found, Lyapunov) and not grows(setting, found):
                 return Failure(Reason.FORM, words.NO_GROWTH), setting
