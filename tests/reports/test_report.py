@@ -56,7 +56,7 @@ def results(certificate: ps.Certificate, **changes: Any) -> Results:
 
 @pytest.fixture(scope="module")
 def certified() -> Results:
-    """Results with a certificate of claim G."""
+    """Results with a certificate without a rate."""
     return results(ps.load_certificate(VALID / "g_full.json"))
 
 

@@ -1,4 +1,4 @@
-"""Constants of sector forms that bound their integrals: what rates, gains and regions need (claims E and R).
+"""Constants of sector forms that bound their integrals: what rates, gains and regions need.
 
 For a form l of a curve phi,  (d/2) y^2 <= integral of l'phi from 0 to y <= c y l'phi(y)  on the domain. Both constants
 are estimated here on samples, moved to the safe side, rounded to dyadics, and believed only when the checker

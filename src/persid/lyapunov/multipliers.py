@@ -130,7 +130,7 @@ def choose(
 ) -> Lyapunov:
     """Return the rounded Lyapunov function of a solution; negligible unknowns go where the margin allows it.
 
-    `lower` gives the constants d of each group's forms (claim R), `units` those of the inputs (a gain for each).
+    `lower` gives the constants d of each group's forms (a region), `units` those of the inputs (a gain for each).
 
     Raises:
         RoundingError: the rounded numbers do not satisfy the inequalities.

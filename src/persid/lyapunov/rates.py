@@ -1,4 +1,4 @@
-"""Rates and gains: the best kappa of claim E by bisection, then the smallest gain at a chosen share of it."""
+"""Rates and gains: the best kappa by bisection, then the smallest gain at a chosen share of it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -67,7 +67,7 @@ def search(
     """
     started, target = time.perf_counter(), target or Target()
     if target.kappa and len(system.states) < system.n:
-        raise ValueError("claims E and R keep every state; this system has dropped one, and its forms with it")
+        raise ValueError("a rate keeps every state; this system has dropped one, and its forms with it")
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
     whole = catalogue(system, families, full_P, target)

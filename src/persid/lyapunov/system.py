@@ -64,7 +64,7 @@ def system(
     """Return the system of a model with the groups found about its operating point.
 
     A state is dropped only where its column is zero and no group that reads it has forms of both signs in y: then
-    -Q can have nothing but zero there (claim M).
+    -Q can have nothing but zero there (a state dropped).
     """
     channels = model.channels
     active = tuple(int(c) for c in np.flatnonzero(channels.columns.any(axis=0)))
@@ -109,8 +109,8 @@ class Target:
     """What an inequality asks for: V' <= -kappa V + gamma |u|^2 and P >= p diag(shape), with gamma = ratio * p.
 
     kappa = 0 asks for V' < 0 alone; ratio = None leaves the inputs out (some gamma always exists then). `upper` gives
-    the constants c of claim E for each curve, one per form of its pool, NaN for forms that have none; `lower` the
-    constants d of claim R, with which P + sum mu d r r' takes the place of P, and P may be indefinite.
+    the constants c of rates for each curve, one per form of its pool, NaN for forms that have none; `lower` the
+    constants d of regions, with which P + sum mu d r r' takes the place of P, and P may be indefinite.
     """
 
     kappa: float = 0.0
