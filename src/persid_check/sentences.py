@@ -200,7 +200,8 @@ def infeasibility(claim: Infeasibility) -> str:
     P = "P >= 0" if claim.full else "a diagonal P >= 0 (diagonal P only)"
     return (
         f"{_model(claim.subject)} has no certificate of claim iss or rate-and-gain with {P}, with Lyapunov densities of"
-        f" the {count} forms in the file and with in-group products of these forms and y. This does not refute stability."
+        f" the {count} forms in the file and with in-group products of these forms and y."
+        " This does not refute stability."
     )
 
 
