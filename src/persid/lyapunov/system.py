@@ -17,7 +17,7 @@ from persid.models.model import PersidskiiModel
 class System:
     """x' = G z + B u about an operating point, z = (x_i for i in `states`, values of `channels`), with its groups.
 
-    Entries of z with a zero column of G that no form touches are left out: channels without effect, and, where it helps,
+    Entries of z with a zero column of G that no form touches are left out: channels without effect, and where it helps
     states that enter through radially unbounded functions alone. Without an operating point the functions are not
     shifted and a constant b is the last column of B.
     """
