@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import persid as ps
 from checker.named import VALID
+from persid.certificates import stability
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode
 from persid.certificates.ledger import as_ledger, with_proof
-from persid.errors import PersidError, RejectedError
+from persid.errors import PersidError, RejectedError, RoundingError
 from persid_check.format import WORDS
 
 FILES = sorted(path for path in VALID.glob("*.json") if json.loads(path.read_bytes())["claim"] in WORDS)
@@ -70,3 +72,27 @@ def test_plants_are_not_read_as_models() -> None:
     spread = encode(with_proof(content | {"deviations": [deviation]}))
     with pytest.raises(RejectedError, match="deviations"):
         Certificate.accept(spread)
+
+
+def test_certify_writes_the_ledger() -> None:
+    """A certificate of states is a ledger, about a shifted point too, where it holds about any centre."""
+    verdict = ps.certify(ps.PersidskiiModel([[-1.0]], [("x**3", None, [[-0.2]])], [[1.0]], b=[1.0]))
+    assert isinstance(verdict, ps.Certified)
+    content = verdict.certificate.content
+    assert (content["format"], content["claim"]) == ("persid-certificate-2", "rate-and-gain")
+    assert content["curves"][0]["shift"] is not None
+
+
+def test_what_has_no_partition_is_written_as_version_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no ledger can be written, the certificate of version 1 that the checker accepts is the answer."""
+
+    def nothing(content: object) -> None:
+        raise RoundingError("no proof")
+
+    monkeypatch.setattr(stability, "as_ledger", nothing)
+    verdict = ps.certify(ps.PersidskiiModel([[-1.0]], B=[[1.0]]))
+    assert isinstance(verdict, ps.Certified)
+    assert (verdict.certificate.content["format"], verdict.certificate.claim) == (
+        "persid-certificate-1",
+        "rate-and-gain",
+    )
