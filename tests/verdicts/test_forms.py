@@ -35,7 +35,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
 
 def test_a_verdict_turns_its_model_into_a_proof_once(counted: Counter[str]) -> None:
-    """Margin, rate and gain share one canonical model; each of the two files is read to be factored and to be checked."""
+    """Margin, rate and gain share one canonical model; each file is read to be factored and to be checked."""
     model = ps.PersidskiiModel(-np.eye(2), [("tanh(x)", None, [[-1.0, 0.3], [-0.3, -1.0]])], [[1.0], [0.5]])
     verdict = ps.certify(model)
     assert isinstance(verdict, ps.Certified)
