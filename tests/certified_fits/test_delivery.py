@@ -79,6 +79,7 @@ def test_several_equilibria_leave_the_region_of_the_named_one() -> None:
     assert made.scores.headline.r2_mean > 0.99
 
 
+@pytest.mark.long
 def test_a_swing_equation_is_judged_about_its_named_equilibrium() -> None:
     """Its exact model is delivered with a proof of the region about the named equilibrium, and no substitute."""
     rhs = lambda x, u: np.array([x[1], 1 - 4 * np.sin(x[0]) - 0.3 * x[1]])  # noqa: E731
