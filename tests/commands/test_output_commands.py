@@ -8,6 +8,7 @@ import pytest
 
 import persid as ps
 from persid.commands.cli import main
+from persid.commands.options import OUTPUT_OPTIONS, output_options
 from stable_fits import random_fit
 
 T = np.arange(40) * 0.1
@@ -164,3 +165,9 @@ def test_an_output_model_is_scored_on_other_files(found: ps.OutputModel, capsys:
     assert "y2         R2 " in capsys.readouterr().out
     assert main(["score", "model.json", "y.csv"]) == 2
     assert "u1" in capsys.readouterr().err
+
+
+def test_zero_neurons_are_asked_for() -> None:
+    """--neurons 0 reaches the fit, as an option that was not given does not."""
+    how = dict.fromkeys(OUTPUT_OPTIONS) | {"foh": False, "neurons": 0}
+    assert output_options(how) == {"neurons": 0}

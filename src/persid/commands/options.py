@@ -218,7 +218,7 @@ OUTPUT_OPTIONS = ("order", "neurons", "activation", "output_map", "foh", "min_ra
 def output_options(how: dict[str, Any]) -> dict[str, Any]:
     """Take the options of a fit to inputs and outputs that were given out of all options."""
     found = {name: how.pop(name) for name in OUTPUT_OPTIONS}
-    return {name: value for name, value in found.items() if value not in (None, (), False)}
+    return {name: value for name, value in found.items() if value is not None and value is not False}
 
 
 appending = together(
