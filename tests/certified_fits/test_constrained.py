@@ -293,7 +293,7 @@ def test_delivered_fits_have_a_rate():
     """What a run delivers after a fit under the certificate shows a rate and a gain."""
     free = PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-4)
     data = runs(count=1)
-    made = deliver(free.fit(data), Undecided(Reason.STALLED), data, 20.0)
+    made = deliver(free.fit(data), Undecided(Reason.STALLED), data, time_limit=20.0)
     assert made.verdict.certificate.claim == "rate-and-gain"
     assert made.verdict.certificate.content["model_sha256"] == made.model.sha256
     assert [fit["verdict"] for fit in made.comparison["fits"]] == ["undecided", "certified"]

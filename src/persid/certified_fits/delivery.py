@@ -71,6 +71,7 @@ def deliver(
     free: Any,
     verdict: Verdict,
     data: Trajectories,
+    *,
     time_limit: float | int = 60.0,
     progress: Callable[[str], None] | None = None,
     select: str | None = None,
@@ -139,10 +140,10 @@ def trial(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, time_l
 
 def _scores(model: PersidskiiModel, parts: HeldOut, record: Record, hold: str) -> Scores:
     held = parts.held.with_inputs(model.inputs)  # one that moves in the held-out part only is none of the model's
-    return held_out_scores(model, held, record, hold, parts.basis, parts.before)
+    return held_out_scores(model, held, record, hold=hold, basis=parts.basis, before=parts.before)
 
 
 def _seen(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, record: Record) -> Trial:
     models = [free.model_] if fit is None else [free.model_, fit.model_]
-    scores = [held_out_scores(m, data, record, free.hold, UNSEEN_NONE, unseen=False) for m in models]
+    scores = [held_out_scores(m, data, record, hold=free.hold, basis=UNSEEN_NONE, unseen=False) for m in models]
     return Trial(scores[0], scores[1] if fit is not None else None)

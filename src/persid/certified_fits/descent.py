@@ -161,7 +161,7 @@ def _step(
     second = np.zeros(len(d))
     if frozen is None:
         second = _keeping(solver, _bend(inequality, state, d, beta, seeking), c)
-    found = _search(inequality, fit, state, d, second, slope, beta, pull, seeking)
+    found = _search(inequality, fit, state, Arc(d, second, slope), aim, seeking)
     return None if found is None else (found[0], -slope / beta, found[1])
 
 
@@ -203,30 +203,37 @@ def _bend(inequality: Inequality, state: State, d: ndarray, beta: float, seeking
     return np.append(bend, -beta * np.trace(middle)) if seeking else bend
 
 
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """A way a `first` + a^2 `second` from a point, along which the aim falls by a `slope` at first."""
+
+    first: ndarray
+    second: ndarray
+    slope: float
+
+    def __call__(self, a: float) -> ndarray:
+        """Return the change of the unknowns at a."""
+        return a * self.first + a**2 * self.second
+
+
 def _search(
-    inequality: Inequality,
-    fit: Fit,
-    state: State,
-    d: ndarray,
-    second: ndarray,
-    slope: float,
-    beta: float,
-    pull: float,
-    seeking: bool,
+    inequality: Inequality, fit: Fit, state: State, arc: Arc, aim: Aim, seeking: bool
 ) -> tuple[State, float] | None:
-    """Return the first point on the arc a d + a^2 second that is strictly inside and descends (Armijo), and a."""
+    """Return the first point on an arc that is strictly inside and descends (Armijo), and its a."""
+    d, beta, pull = arc.first, aim.beta, aim.pull
     K, J, point = inequality.coefficients, len(inequality.cost), state.point
     falling = d[K : K + J] < 0
     falling[: inequality.free] = False
     a = min(1.0, 0.95 * float((-point.y[falling] / d[K : K + J][falling]).min(initial=np.inf)))
     here = pull * fit(point.w) + beta * state.barrier + point.slack * seeking
     while a > SHORTEST:
-        arc = a * d + a**2 * second
-        moved = Point(point.w + arc[:K], point.y + arc[K : K + J], point.slack + (float(arc[-1]) if seeking else 0.0))
+        change = arc(a)
+        slack = point.slack + (float(change[-1]) if seeking else 0.0)
+        moved = Point(point.w + change[:K], point.y + change[K : K + J], slack)
         following = State.at(inequality, moved)
         if following is not None:
             value = pull * fit(moved.w) + beta * following.barrier + moved.slack * seeking
-            if value <= here + 0.1 * a * slope + 1e-12 * abs(here):
+            if value <= here + 0.1 * a * arc.slope + 1e-12 * abs(here):
                 return following, a
         a *= 0.6
     return None

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @batching
 @talking
 def certify(
-    models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
+    *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
     gains: str, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.

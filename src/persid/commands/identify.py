@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
-    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
+    *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
     domain: str, time_limit: float, select: str | None, price: float, test: tuple[Path, ...],
     output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
@@ -124,7 +124,7 @@ def run(
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = (
-            deliver(fit, verdict, measured, time_limit, progress, select, price)
+            deliver(fit, verdict, measured, time_limit=time_limit, progress=progress, select=select, price=price)
             if usual
             else Delivery(fit.model_, verdict, scores=trial(fit, None, measured).free)
         )
@@ -170,7 +170,7 @@ def run(
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
 @talking
 def identify(
-    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, output: Path,
+    *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, output: Path,
     as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify a generalized Persidskii model from measurements.
@@ -222,7 +222,7 @@ def identify(
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The JSON file to write.")
 @talking
 def bootstrap(
-    data: tuple[Path, ...], functions: Any, ridge: Any, method: str, count: int, seed: int, operating_point: Any,
+    *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, count: int, seed: int, operating_point: Any,
     u_op: Any, domain: str, time_limit: float, jobs: int, engine: str, scheduler: str | None, output: Path,
     as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip

@@ -80,7 +80,7 @@ def unseen_scores(model: Any, measured: Any, basis: str, hold: str = "zoh") -> "
     """Return the scores of a model on measurements that its fit has not seen."""
     from persid.identification.scores import Record, held_out_scores
 
-    return held_out_scores(model, measured, Record.of(measured), hold, basis)
+    return held_out_scores(model, measured, Record.of(measured), hold=hold, basis=basis)
 
 
 def _measured(model: Any, files: Sequence[Path], derivatives: int, delays: int, **how: Any) -> Any:

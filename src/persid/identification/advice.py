@@ -190,7 +190,8 @@ def _foretold(fit: Any, data: Trajectories, like: Record | None) -> tuple[Record
     try:
         model = clone(fit).fit(parts.train).model_
         held = parts.held.with_inputs(model.inputs)
-        return record, held_out_scores(model, held, record, fit.hold, parts.basis, parts.before).headline
+        scores = held_out_scores(model, held, record, hold=fit.hold, basis=parts.basis, before=parts.before)
+        return record, scores.headline
     except (PersidError, ValueError, np.linalg.LinAlgError):  # no logarithm, uneven times, too little data
         return None
 

@@ -355,7 +355,7 @@ def _tail_scores(
     guess = np.concatenate(ahead)
     free = freerun.free_run_score(model, held, hold)
     poor = free.blow_ups or not free.r2_mean >= 0
-    foretold = held_out_scores(model, held, Record.of(problem.data), hold) if poor else None
+    foretold = held_out_scores(model, held, Record.of(problem.data), hold=hold) if poor else None
     return free, freerun.score(after, guess), diagnostics.whiteness(after - guess), foretold
 
 

@@ -198,6 +198,7 @@ def held_out_scores(
     model: Simulator,
     held: Trajectories,
     record: Record,
+    *,
     hold: str = "zoh",
     basis: str = "held-out data",
     before: Sequence[Trajectory] | None = None,
@@ -248,7 +249,7 @@ def _row(truth: ndarray, guess: ndarray, steps: int, seconds: float, out: int, r
     """Return the row of pieces (s, N, n)."""
     n = truth.shape[-1]
     squares = ((truth - guess) ** 2).reshape(-1, n).mean(axis=0)
-    return _ahead(squares, record, steps, seconds, len(truth), out)
+    return _ahead(squares, record, _Runs(steps, seconds, len(truth), out))
 
 
 def _whole(model: Simulator, held: Trajectories, record: Moments, hold: str) -> Ahead:
@@ -256,19 +257,30 @@ def _whole(model: Simulator, held: Trajectories, record: Moments, hold: str) -> 
     steps = max(len(run) for run in held) - 1
     seconds = max(float(run.t[-1] - run.t[0]) for run in held)
     squares = np.array(found.rmse_states) ** 2
-    return _ahead(squares, record, steps, seconds, len(held), found.blow_ups + found.unfinished, whole=True)
+    runs = _Runs(steps, seconds, len(held), found.blow_ups + found.unfinished, whole=True)
+    return _ahead(squares, record, runs)
 
 
-def _ahead(
-    squares: ndarray, record: Moments, steps: int, seconds: float, runs: int, out: int, whole: bool = False
-) -> Ahead:
+@dataclass(frozen=True)
+class _Runs:
+    """Free runs of some length, how many they are, and how many of them blew up; whether they are whole records."""
+
+    steps: int
+    seconds: float
+    count: int
+    blow_ups: int
+    whole: bool = False
+
+
+def _ahead(squares: ndarray, record: Moments, runs: _Runs) -> Ahead:
+    """Return the row of free runs with these squared errors, a state each."""
     spread, width = record.deviation**2, record.high - record.low
     moving = spread > 0
     relative = np.where(moving, squares / np.where(moving, spread, 1.0), 0.0)
     percent = np.where(moving, 100 * np.sqrt(squares) / np.where(width > 0, width, 1.0), 0.0)
     error = float(np.sqrt(relative[moving].mean())) if moving.any() else 0.0
     rmse, off, r2 = (tuple(part.tolist()) for part in (np.sqrt(squares), percent, 1 - relative))
-    return Ahead(steps, seconds, runs, rmse, off, r2, error, out, whole)
+    return Ahead(runs.steps, runs.seconds, runs.count, rmse, off, r2, error, runs.blow_ups, runs.whole)
 
 
 def _rivals(before: Sequence[Trajectory], pieces: Sequence[Trajectory], record: Moments) -> dict[str, float]:

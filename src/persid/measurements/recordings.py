@@ -166,7 +166,7 @@ class Recordings:
     def _task(self, k: int, jobs: list[_Job]) -> tuple[Any, ...]:
         chunk = self._chunks[k]
         ahead = self._ahead(k, max(job.reach for job in jobs) - chunk.rows)
-        return chunk.source, chunk.lazy, self._columns, chunk.offset, jobs, ahead, self._taken
+        return chunk.source, chunk.lazy, _Reading(self._columns, chunk.offset, ahead, self._taken), jobs
 
     def _ahead(self, k: int, count: int) -> tuple[ndarray | None, ndarray]:
         """Return the `count` rows that follow a chunk, from the heads of those after it."""
@@ -184,8 +184,19 @@ class Recordings:
         return (np.concatenate(clocks) if clocks else None), np.concatenate([values for _, values in heads])
 
 
-def _read(source: Any, lazy: Lazy | None, columns: Columns, offset: int, ahead: Any, taken: Any) -> Any:
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """How a chunk is read: which columns, where it begins in its table, the rows ahead of it, the columns taken."""
+
+    columns: Columns
+    offset: int
+    ahead: tuple[ndarray | None, ndarray]
+    taken: Sequence[int] | None
+
+
+def _read(source: Any, lazy: Lazy | None, how: _Reading) -> tuple[ndarray, ndarray]:
     """Read a chunk with the rows ahead of it; where the step is given, times count from the first row of the table."""
+    columns, offset, ahead, taken = how.columns, how.offset, how.ahead, how.taken
     _, rows = read_rows(source, lazy, columns, [])
     values = np.concatenate([rows.values, ahead[1]]) if len(ahead[1]) else rows.values
     values = values if taken is None else values[:, list(taken)]
@@ -195,11 +206,10 @@ def _read(source: Any, lazy: Lazy | None, columns: Columns, offset: int, ahead: 
 
 
 def _chunk_sums(
-    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any, taken: Any,
-    *, function: Callable[..., Any], n: int,
-) -> dict[int, Any]:  # fmt: skip
+    source: Any, lazy: Lazy | None, how: _Reading, jobs: list[_Job], *, function: Callable[..., Any], n: int
+) -> dict[int, Any]:
     """Return the sums of a function over the parts in one chunk."""
-    t, values = _read(source, lazy, columns, offset, ahead, taken)
+    t, values = _read(source, lazy, how)
     return summed(
         {job.block: function(Trajectory(t[rows], values[rows, :n], values[rows, n:]), job.count)}
         for job in jobs
@@ -208,10 +218,10 @@ def _chunk_sums(
 
 
 def _chunk_segments(
-    source: Any, lazy: Any, columns: Any, offset: int, jobs: list[_Job], ahead: Any, taken: Any
+    source: Any, lazy: Lazy | None, how: _Reading, jobs: list[_Job]
 ) -> list[tuple[int, tuple[ndarray, ndarray]]]:
     """Return the times and values of some parts of one chunk, copied: the chunk itself can go."""
-    t, values = _read(source, lazy, columns, offset, ahead, taken)
+    t, values = _read(source, lazy, how)
     rows = [(job.block, slice(job.start, job.reach)) for job in jobs]
     return [(number, (t[chosen].copy(), values[chosen].copy())) for number, chosen in rows]
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -230,7 +231,7 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray
     H, side, corner, g, g0, D, reach, own = (
         np.array(part) for part in zip(*(fresh[int(k)] for k in active), strict=True)
     )
-    dw, dx0 = _steps(H, side, corner, g, g0, fit.damping[active], task.parameters.free)
+    dw, dx0 = _steps(_Arrow(H, side, corner, g, g0), fit.damping[active], task.parameters.free)
     batch = replace(fit.batch[active], w=fit.batch.w[active] + dw, x0=fit.batch.x0[active] + dx0)
     dtheta = (dw[:, None] @ D)[:, 0]
     shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
@@ -251,10 +252,21 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray
     return better
 
 
+class _Arrow(NamedTuple):
+    """The Gauss-Newton sums of K models over parameters and every record's x0: blocks H, side, corner; sums g, g0."""
+
+    H: Float[ndarray, "K p p"]
+    side: Float[ndarray, "K records p n"]
+    corner: Float[ndarray, "K records n n"]
+    g: Float[ndarray, "K p"]
+    g0: Float[ndarray, "K records n"]
+
+
 def _steps(
-    H: ndarray, side: ndarray, corner: ndarray, g: ndarray, g0: ndarray, damping: ndarray, free: Bool[ndarray, " p"]
+    sums: _Arrow, damping: Float[ndarray, " K"], free: Bool[ndarray, " p"]
 ) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K records n"]]:
     """Return the damped Gauss-Newton steps; every record's x0 is eliminated first (the matrix is an arrow)."""
+    H, side, corner, g, g0 = sums
     K, R, n = g0.shape
     H, side, g = H[:, free][:, :, free], side[:, :, free], g[:, free]
     scale, scale0 = (

@@ -1,6 +1,7 @@
 """Free runs of many pieces and many models side by side, and their exact derivatives by every parameter."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -135,10 +136,12 @@ def _joined(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: sli
     S = run.states.shape[-1]
     blocks = [_block(latent, pieces, run, substeps, models, slice(s, s + LANES)) for s in range(0, S, LANES)]
     H, g = (np.sum([block[part] for block in blocks], 0) for part in (0, 1))
-    return _chained(pieces, H, g, *(np.concatenate([block[part] for block in blocks], -1) for part in range(2, 7)))
+    return _chained(
+        pieces, _Sums(H, g, *(np.concatenate([block[part] for block in blocks], -1) for part in range(2, 7)))
+    )
 
 
-def _block(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slice, part: slice) -> tuple[ndarray, ...]:
+def _block(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slice, part: slice) -> "_Sums":
     """Return J'J, J'r of a block over (W, V, O), its blocks with every piece's start, the flows and the drifts."""
     u, rise, weight = pieces.u[..., part], pieces.rise[..., part], pieces.weight[:, part]
     states = run.states[:, models, :, part]
@@ -173,7 +176,7 @@ def _block(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slic
     side = np.einsum("kplis,knlis->kpns", body, start)
     corner = np.einsum("kalis,knlis->kans", start, start)
     g0 = np.einsum("knlis,klis->kns", start, r)
-    return H, g, side, corner, g0, S_now[:, :, d:], S_now[:, :, :d]
+    return _Sums(H, g, side, corner, g0, S_now[:, :, d:], S_now[:, :, :d])
 
 
 def _steps(
@@ -219,14 +222,25 @@ def _steps(
     return flow, drift
 
 
-def _chained(
-    pieces: Pieces, H: ndarray, g: ndarray, side: ndarray, corner: ndarray, g0: ndarray, flow: ndarray, drift: ndarray
-) -> tuple[ndarray, ...]:
+class _Sums(NamedTuple):
+    """Gauss-Newton sums in which every piece has its own start: J'J and J'r over (W, V, O); blocks with the starts."""
+
+    H: Float[ndarray, "K p p"]
+    g: Float[ndarray, "K p"]
+    side: Float[ndarray, "K p n S"]
+    corner: Float[ndarray, "K n n S"]
+    g0: Float[ndarray, "K n S"]
+    flow: Float[ndarray, "K n n S"]
+    drift: Float[ndarray, "K n d S"]
+
+
+def _chained(pieces: Pieces, sums: _Sums) -> tuple[ndarray, ...]:
     """Return the sums over the parameters and every record's first state, the pieces' starts being what they are.
 
     A start depends on (W, V) by E and on its record's first state by F: E, F are 0, 1 at the first piece and carried on
     by the flow of each piece, with its drift.
     """
+    H, g, side, corner, g0, flow, drift = sums
     K, n, d, S = drift.shape
     p = H.shape[1]
     flow, drift, side, corner, g0 = (np.moveaxis(part, -1, 0) for part in (flow, drift, side, corner, g0))
@@ -242,10 +256,10 @@ def _chained(
     cross = (side @ E).sum(0)
     H = H + cross + np.swapaxes(cross, 1, 2) + (np.swapaxes(E, 2, 3) @ CE).sum(0)
     g = g + (np.swapaxes(E, 2, 3) @ g0[..., None]).sum(0)[..., 0]
-    sums = (
+    ends = (
         side @ F + np.swapaxes(CE, 2, 3) @ F,
         np.swapaxes(F, 2, 3) @ corner @ F,
         np.swapaxes(F, 2, 3) @ g0[..., None],
     )
-    sides, corners, firsts = (np.moveaxis(np.add.reduceat(part, pieces.starts, 0), 0, 1) for part in sums)
+    sides, corners, firsts = (np.moveaxis(np.add.reduceat(part, pieces.starts, 0), 0, 1) for part in ends)
     return H, sides, corners, g, firsts[..., 0], np.moveaxis(flow, 0, 1), np.moveaxis(E, 0, 1), np.moveaxis(F, 0, 1)
