@@ -221,3 +221,18 @@ def test_measured_outputs_are_states_beside_latent_ones():
         OutputIdentifier(measured=["y1"], feedthrough=True).fit(data)
     with pytest.raises(DataError, match="none of the outputs"):
         fit.set_params(measured=["angle"]).fit(data)
+
+
+@pytest.mark.long
+def test_a_pendulum_is_foretold_from_its_positions_alone(measurements):
+    """Two angles and three references of two experiments foretell the third, certified."""
+    files = sorted((measurements / "qube").glob("*.csv"))
+    data = ps.read_csv(files, states=["theta", "alpha"], inputs=["target_theta", "target_alpha", "feedforward"])
+    every = 5  # samples, 10 ms
+    angles = [run.x[::every] for run in data]
+    inputs = [run.u.reshape(-1, every, 3).mean(1) for run in data]
+    fit = OutputIdentifier(order=4, neurons=4, feedthrough=False, seeds=1, time_limit=0).fit(
+        angles[:2], u=inputs[:2], dt=every * 0.002
+    )
+    assert fit.verdict_.is_certified
+    assert fit.score(angles[2], u=inputs[2], dt=every * 0.002) > 0.85

@@ -101,6 +101,20 @@ def test_benchmark_tables_hold_any_record(tmp_path: Path) -> None:
     )
 
 
+def test_public_benchmarks_stand_beside_published_figures(tmp_path: Path) -> None:
+    """A benchmark's table has the median and spread over seeds, how many are certified, and what others published."""
+    rows = [
+        {"benchmark": "b", "seed": k, "errors": {"test": e}, "seconds": 9.0, "certified": k < 2, "unit": "V"}
+        for k, e in enumerate((0.3, 0.1, 0.2))
+    ]
+    others = [{"benchmark": "b", "model": "GRU", "errors": {"test": 0.4}, "source": "a paper"}]
+    (tmp_path / "public.json").write_text(json.dumps({"rows": rows, "published": others}))
+    lines = benchmark_tables.public(tmp_path).splitlines()
+    assert lines[2] == "| model | test, V | certified | seconds | source |"
+    assert lines[4] == "| persid, median and spread of 3 seeds | **0.200** (0.100 to 0.300) | 2 of 3 | 9 | — |"
+    assert lines[5] == "| GRU | 0.4 | — | — | a paper |"
+
+
 def test_api_pages_hold_every_public_name() -> None:
     """Every public function and class of persid has its entry on an API page, and every public name of the checker."""
     entries = set(
