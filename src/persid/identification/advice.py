@@ -41,6 +41,10 @@ class Advice:
 
     `options` are those of the command line, `call` is the same in Python; both are empty where there is none. `r2` and
     `error` (over the deviation of the record) were measured on the held-out part; None where nothing was to be tried.
+
+    Examples:
+        >>> print(ps.Advice("velocity", "smoothed velocities among the states", r2=0.999))
+        R2 0.9990: smoothed velocities among the states
     """
 
     kind: str
@@ -66,6 +70,10 @@ class Diagnosis:
 
     `r2` and `error` are those of the fit in question over the horizon `ahead`; None where it was not questioned.
     `tried` counts the remedies that were fitted.
+
+    Examples:
+        >>> print(ps.Diagnosis())
+        nothing to mend: the fit foretells what was held out
     """
 
     r2: float | None = None
@@ -131,6 +139,8 @@ def advise(
     r2, error = _figures(ahead, here)
     if not codes and error <= _enough(_floor(record)):
         return Diagnosis()
+    # where the fit was scored on more than is looked at here, a remedy has to do better than that, too
+    known = scores.headline.error if scores is not None and scores.unseen else np.inf
     trials = _codes(base, work, codes) if codes else _trials(base, work, fit)
     found: list[Advice] = []
     count = 0
@@ -142,7 +152,7 @@ def advise(
         if outcome is not None:
             mine, left = _figures(outcome[1], _measured(trial.data))
             calmer = outcome[1].blow_ups <= ahead.blow_ups
-            if codes or (calmer and left < HELPS * error):
+            if codes or (calmer and left < HELPS * min(error, known)):
                 found.append(replace(trial.advice, r2=mine, error=left))
     found.sort(key=lambda advice: advice.error if advice.error is not None else np.inf)
     findings = _coded(codes) if codes else list(_findings(base, work, fit, found))
