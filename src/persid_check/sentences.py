@@ -50,7 +50,16 @@ def marked(values: Sequence[Fraction]) -> str:
 
 def input_names(names: Sequence[str]) -> list[str]:
     """Return inputs' own names, quoted; u1, u2, … as they are, but never for another than the first, second, …."""
-    return [name if name == f"u{i}" else repr(name) for i, name in enumerate(names, start=1)]
+    return _own_names("u", names)
+
+
+def state_names(names: Sequence[str]) -> list[str]:
+    """Return states' own names, quoted; x1, x2, … as they are, but never for another than the first, second, …."""
+    return _own_names("x", names)
+
+
+def _own_names(letter: str, names: Sequence[str]) -> list[str]:
+    return [name if name == f"{letter}{i}" else repr(name) for i, name in enumerate(names, start=1)]
 
 
 def _model(subject: Subject) -> str:

@@ -12,7 +12,7 @@ from checker import known_ledgers
 from checker.false_ledgers import FALSEHOODS
 from checker.ledgers import data
 from checker.sampled import Sampled, faults, number
-from persid_check import Accepted, Rejected, check
+from persid_check import Accepted, Rejected, check, model_sha256
 
 
 @pytest.mark.parametrize("name", known_ledgers.NAMES)
@@ -102,13 +102,21 @@ def test_outputs_in_a_region_are_bounded_from_points_of_the_region() -> None:
     """A bound of an output in a region speaks of the solutions that start there, with inputs that are small enough."""
     content = copy.deepcopy(known_ledgers.load("region"))
     content["outputs"] = [{"row": [[0, [1, 0]]], "direct": [[0, 0]], "bound": [4, 0]}]
-    assert "for all t >= 0. For these, |1 (x1 - x1*)| <= " in check(data(content)).statement
+    assert "for all t >= 0. For these, |(x1 - x1*)| <= " in check(data(content)).statement
+
+
+def test_names_of_states_are_quoted_where_they_could_mislead() -> None:
+    """A name other than x1, x2, … stands in quotes, so that none reads as a part of the sentence."""
+    content = copy.deepcopy(known_ledgers.load("region"))
+    content["model"]["states"][0] = "0 <= x"
+    content["model_sha256"] = model_sha256(content["model"])
+    assert "-2 <= ('0 <= x' - '0 <= x'*) <= 2" in check(data(content)).statement
 
 
 def test_a_region_speaks_of_the_point_that_is_not_known_exactly() -> None:
     """The strips of a region about a ball are about x*, so that the printed set is the one that is proved."""
     result = check(data(known_ledgers.load("region")))
-    assert "-2 <= 1 (x1 - x1*) <= 2" in result.statement
+    assert "-2 <= (x1 - x1*) <= 2" in result.statement
     assert "radius" not in result.statement
 
 

@@ -132,7 +132,8 @@ def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
 
     brief = summarize(verdict)
     if verdict.is_certified:
-        text = f"certified: input-to-state stable, {brief.scope} ({brief.claim}), {brief.seconds:.2g} s"
+        proved = ", with proved rate and gain" if brief.rate is not None else ""
+        text = f"certified: input-to-state stable, {brief.scope}{proved}, {brief.seconds:.2g} s"
         bounds = []
         if brief.rate is not None and brief.gain is not None:
             bounds = [f"rate {_rate(brief.rate)}, gain {above(brief.gain)}"]

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Ledger, Row
-from persid_check.sentences import SHOWN, counted, decimal, input_names, root
+from persid_check.sentences import SHOWN, counted, decimal, input_names, root, state_names
 
 _ZERO = Fraction(0)
 
@@ -91,7 +91,7 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     if ledger.claim == "rate-and-gain":
         return [f"{bound}."]
     found = strips(ledger)
-    sides = " and ".join(_strip(*strip) for strip in found[:SHOWN])
+    sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
     sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
     return [
         f"The set of x with {sides or 'no strip'} and V(x) <= {_marked(ledger.level)} is invariant for inputs"
@@ -99,11 +99,16 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     ]
 
 
-def _strip(row: Row, lo: Fraction, hi: Fraction) -> str:
+def _strip(ledger: Ledger, row: Row, lo: Fraction, hi: Fraction) -> str:
     """One strip in words; ends are rounded inwards, so that the set named lies in the set proved invariant."""
-    terms = " + ".join(f"{_marked(r)} (x{i + 1} - x{i + 1}*)" for i, r in list(row.items())[:SHOWN]) or "0"
     more = " + ..." if len(row) > SHOWN else ""
-    return f"{_marked(lo)} <= {terms}{more} <= {_marked(hi)}"
+    return f"{_marked(lo)} <= {_combined(row, state_names(ledger.model.states))}{more} <= {_marked(hi)}"
+
+
+def _combined(row: Row, names: Sequence[str]) -> str:
+    """A combination of deviations from the operating point, by the names of the states."""
+    terms = [f"{'' if r == 1 else f'{_marked(r)} '}({names[i]} - {names[i]}*)" for i, r in list(row.items())[:SHOWN]]
+    return " + ".join(terms) or "0"
 
 
 def _marked(value: Fraction) -> str:
@@ -133,7 +138,7 @@ def _plants(ledger: Ledger) -> str:
 
 def _outputs(ledger: Ledger) -> Iterator[str]:
     for output in ledger.outputs[:SHOWN]:
-        terms = " + ".join(f"{_marked(r)} (x{i + 1} - x{i + 1}*)" for i, r in list(output.row.items())[:SHOWN]) or "0"
+        terms = _combined(output.row, state_names(ledger.model.states))
         direct = "".join(f" + {_marked(d)} (u{i + 1} - u{i + 1}*)" for i, d in enumerate(output.direct) if d)
         size = sum((abs(d) for d in output.direct), _ZERO)
         bound = output.bound
@@ -148,18 +153,21 @@ def _outputs(ledger: Ledger) -> Iterator[str]:
 def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     """Return the proof as short lines, in the order of the specification."""
     model, lines = ledger.model, []
-    lines.append(f"1. The hash agrees; {model.n} states, {len(model.channels)} channels, {ledger.inputs} inputs.")
+    size = (counted(model.n, "state"), counted(len(model.channels), "channel"), counted(ledger.inputs, "input"))
+    lines.append(f"1. The hash agrees; {', '.join(size)}.")
     if ledger.ball is not None:
         how = "Krawczyk's operator" if ledger.ball.radius else "Exact evaluation"
         lines.append(f"1. {how} proves exactly one equilibrium in the ball.")
     for i, curve in enumerate(ledger.curves):
-        lines.append(f"2. Curve {i}: {len(curve.functions)} functions, continuous; centre {_centre(curve.shift)}.")
+        functions = counted(len(curve.functions), "function")
+        lines.append(f"2. Curve {i}: {functions}, continuous; centre {_centre(curve.shift)}.")
         for k, form in enumerate(curve.forms):
-            lines.append(f"2. Curve {i}, form {k} = {_numbers(form.l)}: {form.kind}, {len(form.cuts) - 1} pieces.")
+            pieces = counted(len(form.cuts) - 1, "piece")
+            lines.append(f"2. Curve {i}, form {k} = {_numbers(form.l)}: {form.kind}, {pieces}.")
     counts = {kind: sum(1 for fact in ledger.facts if fact.kind == kind) for kind in _FACTS}
-    lines += [f"3. {counts[kind]} facts, {words}." for kind, words in _FACTS.items() if counts[kind]]
+    lines += [f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]]
     densities = sum(len(point.densities) for point in ledger.points)
-    lines.append(f"4. V = x'P x + {densities} integrals; V >= x'Pt x, Pt assembled exactly.")
+    lines.append(f"4. V = x'P x + {counted(densities, 'integral')}; V >= x'Pt x, Pt assembled exactly.")
     if ledger.dropped:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")
