@@ -149,6 +149,7 @@ def test_an_interrupt_of_the_linear_start_keeps_it():
     assert fit.verdict_.is_certified
 
 
+@pytest.mark.long
 def test_an_interrupt_of_the_final_fit_keeps_it():
     """Ctrl-C while the chosen candidate is fitted to all data delivers it as good as it has become."""
     data = runs(ps.PersidskiiModel([[-0.5]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]), [[1.0]], 0.1, 200, 1)
@@ -176,6 +177,7 @@ def test_other_activations_and_holds_are_certified(activation, hold):
     assert fit.score(data) > 0.99
 
 
+@pytest.mark.long
 def test_a_warm_start_continues_from_the_fit_before():
     """A warm start keeps order, neurons and proof, tells the earlier model's error on new records, and lowers it."""
     spring = [("tanh(x)", [[1.0]], [[-1.0]])]

@@ -289,6 +289,7 @@ def _shares(count: int, seed: int) -> tuple[int, int, int]:
     return wrong, true, proved
 
 
+@pytest.mark.long
 def test_random_expressions() -> None:
     """Of 200 random expressions no false one is proved, and more than half of the true ones are."""
     wrong, true, proved = _shares(200, seed=2)

@@ -115,6 +115,7 @@ def test_dead_times_carry_a_unit(delay: str, seconds: float, folder: Path) -> No
     assert cli.main(["score", "out/model.json", "data.csv", "--delay", delay, "-q"]) == 0
 
 
+@pytest.mark.long
 def test_a_report_with_dead_times_is_built_again(folder: Path) -> None:
     """The page of a run with dead times shows the advice that was kept."""
     words = _written(AILMENTS["dead time"].make())

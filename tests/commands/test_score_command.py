@@ -82,6 +82,7 @@ def test_run_scores_files_that_were_kept(files_of_a_plant: Path, capsys: pytest.
     assert json.loads(Path("out/run.json").read_text())["sources"][0]["path"].endswith("a.csv")
 
 
+@pytest.mark.long
 def test_files_that_were_kept_get_the_states_that_the_fit_appends(
     files_of_a_plant: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,6 +39,7 @@ def test_a_measured_velocity_is_named() -> None:
     np.testing.assert_array_equal(model.rhs(x, np.ones((20, 1)))[:, 0], (x[:, 1] - 0.5) + 0.5)
 
 
+@pytest.mark.long
 def test_a_known_velocity_stays_under_the_certificate_and_under_refinement() -> None:
     """Neither a fit under the certificate nor refinement touches an equation that is known."""
     data = swinging()

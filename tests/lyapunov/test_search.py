@@ -165,5 +165,5 @@ def test_a_rate_needs_every_state() -> None:
     """Where a state is dropped the constants of the pool would belong to other forms: no rate is asked for."""
     setting = Setting.of(PersidskiiModel(None, [("x**3", None, [[-1.0]])], [[1.0]]), None)
     assert setting.system.states == ()
-    with pytest.raises(ValueError, match="keep every state"):
+    with pytest.raises(ValueError, match="keeps every state"):
         search(setting.system, setting.pools, target=Target(kappa=0.1, upper=setting.upper))

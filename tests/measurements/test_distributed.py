@@ -141,6 +141,7 @@ def test_dask_dataframes(engine: Any) -> None:
     same(here.gram_, ps.PersidskiiIdentifier().fit(by_run).gram_)
 
 
+@pytest.mark.long
 def test_dask_arrays() -> None:
     """Dask arrays of states, inputs and times go to fit like arrays."""
     da = pytest.importorskip("dask.array")

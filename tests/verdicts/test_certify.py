@@ -170,6 +170,7 @@ def hard() -> ps.PersidskiiModel:
     return ps.PersidskiiModel(rng.normal(size=(n, n)) - 4 * np.eye(n), terms, np.eye(n), domain=[[-3.0, 3.0]] * n)
 
 
+@pytest.mark.long
 def test_time_limit() -> None:
     """A hard question stops soon after its time limit, with a reason or with what was reached."""
     started = time.perf_counter()  # which counts looks at the clock, see conftest
