@@ -51,6 +51,19 @@ def test_a_known_velocity_stays_under_the_certificate_and_under_refinement() -> 
         assert all(not term.A[0].any() for term in found.model_.terms)
 
 
+@pytest.mark.long
+def test_an_assumed_equation_is_fitted_where_no_certificate_keeps_it() -> None:
+    """A hardening spring of which positions were measured gets its certified fit; its velocity then is fitted, too."""
+    spring = ps.PersidskiiModel([[0, 1], [-1, -0.5]], [("x**3", [[1, 0]], [[0], [-1.0]])], [[0], [1]])
+    t, rng = 0.05 * np.arange(1200), np.random.default_rng(3)
+    run = spring.simulate([0.5, 0.0], t, rng.choice([-1.0, 1.0], 60).repeat(20)[:, None])[0]
+    data = ps.Trajectories.from_arrays([run.x[:, :1]], t=[t], u=[run.u])
+    fit = ps.CertifiedIdentifier(ps.PersidskiiIdentifier(["x", "x**3"], derivatives=1), time_limit=40).fit(data)
+    assert fit.free_.model_.A0[0].tolist() == [0.0, 1.0]
+    assert fit.verdict_.is_certified
+    assert fit.model_.A0[0] == pytest.approx([0.0, 1.0], abs=0.2)
+
+
 @pytest.mark.parametrize(
     ("functions", "velocities", "said"),
     [(["tanh(x)"], {"phi": "omega"}, "add x to functions="), (["x"], {"phi": "v"}, "v is no state")],

@@ -50,6 +50,7 @@ LEAST_RIDGE = 1e-8
 TRIED_STATES = 6  # several ridges are tried up to this many states
 RATING = 10.0  # s, at least, in which a rate and a gain are sought
 GAIN_RATES = (0.5, 0.2, 0.05)  # shares of the linear fit's decay rate at which a gain is asked for
+KNOWN_SHARE = 0.25  # of the time limit, in which equations of velocities stay known
 
 
 def rated(
@@ -135,7 +136,13 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         outside = undefined(self.free_.model_) if self.scope == "global" and self.select is None else ()
         with few_threads(self.free_.model_.n):
             self.table_ = () if outside or y is not None else self._candidates(data, deadline)
-            found = None if outside else self._final(X, y, given, data, self.table_, deadline)
+            # a velocity whose equation is known makes a mechanical model, and springs need rows of the inequality that
+            # are exactly zero, which no interior point has: where no certificate is found, the equation is fitted, too
+            known = self.free_.velocities == "auto" and bool(self.free_._velocities(data))
+            first = began + KNOWN_SHARE * self.time_limit if known else deadline
+            found = None if outside else self._final(X, y, given, data, self.table_, first)
+            if known and found is not None and found[0] is None:
+                found = self._final(X, y, given, data, self.table_, deadline, keeps=False)
         result, history, chosen = found or (None, (), Choice(None, self.free_.ridge_))
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge
@@ -144,15 +151,26 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         return self
 
     def _final(
-        self, X: Any, y: Any, given: dict[str, Any], data: Trajectories, table: tuple[Candidate, ...], deadline: float
+        self,
+        X: Any,
+        y: Any,
+        given: dict[str, Any],
+        data: Trajectories,
+        table: tuple[Candidate, ...],
+        deadline: float,
+        keeps: bool = True,
     ) -> tuple[Result | None, tuple[Line, ...], Choice]:
-        """Fit to all data with the best candidate; where that is not certified, with the next ones."""
+        """Fit to all data with the best candidate; where that is not certified, with the next ones.
+
+        `keeps`: the equations of velocities stay known; else they are fitted.
+        """
         history: tuple[Line, ...] = ()
         choice = Choice(None, self.free_.ridge_)
         for choice in ranked(table, self.free_.ridge_ if self.ridge == "auto" else float(self.ridge)):
             fitted = self.free_
-            if choice.functions not in (None, self._dictionary):
-                fitted = estimator_with(self.free_, choice.functions).fit(X, y, **given)
+            if not keeps or choice.functions not in (None, self._dictionary):
+                again = estimator_with(self.free_, choice.functions or self._dictionary)
+                fitted = (again if keeps else again.set_params(velocities=None)).fit(X, y, **given)
             result, lines = self._certified(fitted, choice.ridge, data, deadline)
             history += lines
             if result is not None or time.perf_counter() > deadline:
