@@ -22,7 +22,7 @@ SHOWN = {
     "{.python .example}",
 }  # not run here: outputs, files, and the examples, which test_examples runs
 README = ROOT / "README.md"
-LONG = ("fitting-under-the-certificate", "troubleshooting", "large-data", "index", "outputs")  # their snippets run with -m long
+LONG = ("fitting-under-the-certificate", "troubleshooting", "large-data", "index", "outputs")  # run with -m long
 
 
 @pytest.fixture
