@@ -146,8 +146,8 @@ def test_run_obstructed(here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     monkeypatch.setattr(sys.modules["persid.verdicts.certify"], "certify", lambda model, **how: verdict)
     monkeypatch.setattr("persid.certified_fits.delivery.deliver", free_fit_only)
     monkeypatch.setattr(fit_commands, "_identify", _identified("m.json"))
-    (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a"))
-    words = ["run", "data.csv", "--states", "a", "--inputs", "u", "-o", "out"]
+    (here / "data.csv").write_text((here / "data.csv").read_text().replace("x1", "a").replace("u", "u1"))
+    words = ["run", "data.csv", "--states", "a", "--inputs", "u1", "-o", "out"]
     assert cli.main(words) == 3
     assert cli.main(["check", "out/infeasible.json"]) == 3
     assert "python -m persid_check infeasible.json" in (here / "out" / "report.html").read_text()
