@@ -461,7 +461,7 @@ def test_evidence_stands_beside_undecided_and_is_kept(tmp_path: Path) -> None:
     assert found.verdict.evidence == verdict.evidence
     text = report.render(found)
     assert "3 of 8 runs diverged" in text
-    assert "a simulated run that diverges (red, dashed, from the cross)" in text
+    assert "a simulated run that diverges (orange, dashed, from the cross)" in text
     headline = re.search(r'class="headline">([^<]*)', text)
     assert headline
     assert "diverge" not in headline[1]

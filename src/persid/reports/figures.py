@@ -148,8 +148,8 @@ def free_run(model: PersidskiiModel, run: FreeRun, beside: FreeRun | None = None
     end = f"It blows up at t = {gone:.4g} s (marked)." if gone is not None else "It does not blow up."
     rows = f" (the first {SAMPLES} samples)" if len(run.measured) == SAMPLES else ""
     caption = (
-        f"Run {run.number}{rows}: measured (blue, solid) and the model’s free run (red, dashed), which knows only the "
-        f"first sample and the inputs. {end} RMSE {number(run.rmse)}, R² {number(run.r2)} (mean over states)."
+        f"Run {run.number}{rows}: measured (blue, solid) and the model’s free run (orange, dashed), which knows only "
+        f"the first sample and the inputs. {end} RMSE {number(run.rmse)}, R² {number(run.r2)} (mean over states)."
     ) + _other(beside)
     far = np.abs(run.measured.x[: len(run.found)] - run.found.x)
     apart = "; ".join(f"{name}: at most {number(far[:, i].max(), 2)} apart" for i, name in enumerate(shown))
@@ -248,7 +248,7 @@ def correlations(model: PersidskiiModel, x: ndarray, u: ndarray) -> list[Drawing
     some = f" (the first {len(names)} terms)" if len(names) < len(term_names(model.field)) - 1 else ""
     caption = (
         f"How alike two terms are on the data{some}: the area of a disk is the size of their correlation, positive "
-        f"(blue) or negative (red). {found} above 0.99 (ringed): of such a pair the data determine the sum only."
+        f"(blue) or negative (orange). {found} above 0.99 (ringed): of such a pair the data determine the sum only."
     )
     return [Drawing("correlations", figure, f"Matrix of disks for {', '.join(names)}. {caption}", caption)]
 

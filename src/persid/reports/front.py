@@ -137,7 +137,8 @@ def _caption(results: Results, shown: Trajectories, place: int, runs: Sequence[T
     known = "only the first sample and the inputs" if len(runs) == 1 else "only where it starts and the inputs"
     again = "" if len(runs) == 1 or scores is None else f" and starts again every {scores.headline.steps} samples"
     steps = f"{again}, since the whole run blows up" if again else ""
-    parts = [f"{what}{which}: measured (blue, solid), and the delivered model’s free run (red, dashed), which knows "]
+    lines = "measured (blue, solid), and the delivered model’s free run (orange, dashed)"
+    parts = [f"{what}{which}: {lines}, which knows "]
     parts += [f"{known}{steps}."]
     parts += [" Below, how far both are from x*, and the bound that is proved for the model (green)."] if proved else []
     parts += [f" Drawn are {STATES} of {results.model.n} states."] if results.model.n > STATES else []

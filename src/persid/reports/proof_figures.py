@@ -92,7 +92,7 @@ def _portrait(
         x, y = gone.x[:, list(pair)].T
         axes[0].plot(x, y, color=plots.MODEL, lw=1.4, ls="--", zorder=3)
         axes[0].plot(x[:1], y[:1], "X", ms=8, color=plots.MODEL, zorder=4)
-        seen += ["a simulated run that diverges (red, dashed, from the cross)"]
+        seen += ["a simulated run that diverges (orange, dashed, from the cross)"]
     text = " and ".join([", ".join(seen[:-1]), seen[-1]] if len(seen) > 1 else seen)
     return _named("phase-portrait", figure, model, pair, f"{text}{_rest(model, 'x_ref' if marks is None else 'it')}.")
 
@@ -128,7 +128,7 @@ def _bound(certificate: Certificate, runs: Sequence[FreeRun]) -> list[Drawing]:
             else ""
         )
         caption = (
-            f"Distance of the model’s free run{f' {run.number}' if runs else ''} from the operating point (red, "
+            f"Distance of the model’s free run{f' {run.number}' if runs else ''} from the operating point (orange, "
             f"dashed){against}; none may exceed the bound that the certificate proves (green)."
         )
         lines = [np.asarray(line.get_ydata(), float) for line in axes[0].lines]
