@@ -1,6 +1,7 @@
-"""_dyadics."""
+"""Dyadic numbers [mantissa, exponent], as certificates store them."""
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +22,11 @@ BITS = 40  # of the mantissa to which multipliers are rounded
 def value(pair: Sequence[int]) -> float:
     """Return the float nearest to a dyadic [mantissa, exponent]."""
     return float(np.ldexp(float(pair[0]), pair[1]))
+
+
+def exact(pair: Sequence[int]) -> Fraction:
+    """Return a dyadic [mantissa, exponent] as a fraction."""
+    return Fraction(pair[0]) * Fraction(2) ** pair[1]
 
 
 def dyadic(number: float, bits: int | None = None) -> list[int]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from persid._dyadics import exact
 from persid_check.format import WORDS
 from persid_check.ledger.file import FORMAT as LEDGER
 from persid_check.model import Model, groups_of, model_of
@@ -109,11 +110,6 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
         exact(content.get("input_bound", (0, 0))),
         tuple(_rows_seen(content) if ledger else _seen(content)),
     )
-
-
-def exact(pair: Sequence[int]) -> Fraction:
-    """Return a dyadic [mantissa, exponent] as a fraction."""
-    return Fraction(pair[0]) * Fraction(2) ** pair[1]
 
 
 def _ball(point: Mapping[str, Any]) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from persid._dyadics import exact
 from persid.certificates.encoding import factor
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import RoundingError
@@ -44,10 +45,6 @@ def written_cuts(cuts: Cuts) -> list[Any]:
     if scale & (scale - 1):
         raise RoundingError("a cut is no dyadic number")
     return [1 - scale.bit_length(), [int(t * scale) for t in cuts]]
-
-
-def _read(pair: Sequence[int]) -> Fraction:
-    return Fraction(pair[0]) * Fraction(2) ** pair[1]
 
 
 @dataclass(frozen=True)
@@ -169,7 +166,7 @@ def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
     for g, (group, stored) in enumerate(zip(groups_of(model), content["groups"], strict=True)):
         scale, row, alphas = _dyadic_row(group.row, [alpha for _, alpha in group.members])
         place, at = curves.place(_curve(content, model, row, group, alphas), list(_uses(claim, stored, scale)))
-        densities = [[at[k], dyadic(_read(mu) * scale)] for k, mu in enumerate(stored["mu"]) if mu[0]]
+        densities = [[at[k], dyadic(exact(mu) * scale)] for k, mu in enumerate(stored["mu"]) if mu[0]]
         points.append(
             {
                 "curve": place,
@@ -240,8 +237,8 @@ def _curve(content: dict[str, Any], model: Model, row: Row, group: Group, alphas
     """Return the curve of a group of channels, about the operating point and on the region."""
     shift, domain, point = None, None, content["operating_point"]
     if point is not None:
-        center = sum((r * (_read(point["x"][i]) - model.x_ref[i]) for i, r in row.items()), _ZERO)
-        shift = (center, sum((abs(r) for r in row.values()), _ZERO) * _read(point["radius"]))
+        center = sum((r * (exact(point["x"][i]) - model.x_ref[i]) for i, r in row.items()), _ZERO)
+        shift = (center, sum((abs(r) for r in row.values()), _ZERO) * exact(point["radius"]))
     if content["claim"] == "R":
         box = _relative_box(content, model)
         sides = [sorted((r * box[i][0], r * box[i][1])) for i, r in row.items()]
@@ -256,20 +253,20 @@ def _uses(claim: str, stored: dict[str, Any], scale: Fraction) -> Iterator[Use]:
     none = [None] * len(stored["forms"])
     bounds = zip(stored.get("integral", none), stored.get("quadratic", none), strict=True)
     for pairs, mu, (c, d) in zip(stored["forms"], stored["mu"], bounds, strict=True):
-        form = tuple(_read(v) for v in pairs)
+        form = tuple(exact(v) for v in pairs)
         form = (form[0] * scale, *form[1:])
         if mu[0]:
-            yield Use(form, c and _read(c), _read(d) * scale if d else _ZERO, claim == "M")
+            yield Use(form, c and exact(c), exact(d) * scale if d else _ZERO, claim == "M")
         else:
             yield Use(form)
 
 
 def _relative_box(content: dict[str, Any], model: Model) -> list[tuple[Fraction, Fraction]]:
     point = content["operating_point"]
-    center = model.x_ref if point is None else [_read(v) for v in point["x"]]
-    radius = _ZERO if point is None else _read(point["radius"])
+    center = model.x_ref if point is None else [exact(v) for v in point["x"]]
+    radius = _ZERO if point is None else exact(point["radius"])
     return [
-        (_read(lo) - x + radius, _read(hi) - x - radius) for (lo, hi), x in zip(content["box"], center, strict=True)
+        (exact(lo) - x + radius, exact(hi) - x - radius) for (lo, hi), x in zip(content["box"], center, strict=True)
     ]
 
 

@@ -22,8 +22,6 @@ from persid.lyapunov.system import System
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 
-_STATEMENT = "The model is input-to-state stable ({})."
-
 
 def prove(
     model: PersidskiiModel,

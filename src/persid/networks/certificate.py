@@ -15,11 +15,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 import persid_check
-from persid._dyadics import dyadic, dyadics, rounded, value
+from persid._dyadics import dyadic, dyadics, exact, rounded, value
 from persid._files import write_atomically
 from persid.certificates import bounds
 from persid.certificates.acceptance import accepted
-from persid.certificates.claims import exact
 from persid.certificates.encoding import encode, heading
 from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
