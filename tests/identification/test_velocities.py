@@ -1,9 +1,14 @@
 """Velocities: equations x1' = x2 that are known, whether x2 was measured or appended."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import persid as ps
+from persid.commands import cli
+from persid.identification.derivatives import embedded
 
 
 def swinging() -> ps.Trajectories:
@@ -51,17 +56,46 @@ def test_a_known_velocity_stays_under_the_certificate_and_under_refinement() -> 
         assert all(not term.A[0].any() for term in found.model_.terms)
 
 
+def spring() -> ps.Trajectories:
+    """The position alone of a hardening spring under an input."""
+    model = ps.PersidskiiModel([[0, 1], [-1, -0.5]], [("x**3", [[1, 0]], [[0], [-1.0]])], [[0], [1]])
+    t, rng = 0.05 * np.arange(1200), np.random.default_rng(3)
+    run = model.simulate([0.5, 0.0], t, rng.choice([-1.0, 1.0], 60).repeat(20)[:, None])[0]
+    return ps.Trajectories.from_arrays([run.x[:, :1]], t=[t], u=[run.u])
+
+
 @pytest.mark.long
 def test_an_assumed_equation_is_fitted_where_no_certificate_keeps_it() -> None:
     """A hardening spring of which positions were measured gets its certified fit; its velocity then is fitted, too."""
-    spring = ps.PersidskiiModel([[0, 1], [-1, -0.5]], [("x**3", [[1, 0]], [[0], [-1.0]])], [[0], [1]])
-    t, rng = 0.05 * np.arange(1200), np.random.default_rng(3)
-    run = spring.simulate([0.5, 0.0], t, rng.choice([-1.0, 1.0], 60).repeat(20)[:, None])[0]
-    data = ps.Trajectories.from_arrays([run.x[:, :1]], t=[t], u=[run.u])
-    fit = ps.CertifiedIdentifier(ps.PersidskiiIdentifier(["x", "x**3"], derivatives=1), time_limit=40).fit(data)
+    fit = ps.CertifiedIdentifier(ps.PersidskiiIdentifier(["x", "x**3"], derivatives=1), time_limit=40).fit(spring())
     assert fit.free_.model_.A0[0].tolist() == [0.0, 1.0]
     assert fit.verdict_.is_certified
     assert fit.model_.A0[0] == pytest.approx([0.0, 1.0], abs=0.2)
+
+
+@pytest.mark.long
+def test_the_command_line_assumes_the_equation_as_python_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`persid run --derivatives 1` gives the spring a global certificate, too, and scores the fit that it delivers."""
+    monkeypatch.chdir(tmp_path)
+    spring().to_dataframe().to_csv("spring.csv")
+    words = ["run", "spring.csv", "--states", "x1", "--inputs", "u1", "--derivatives", "1", "--functions", "x,x**3"]
+    assert cli.main([*words, "--time-limit", "40", "--json", "-o", "out"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["scope"] == "global"
+    assert told["price"] < 2
+    assert told["scores"]["rows"][told["scores"]["headline"]]["r2"] > 0.999
+    assert ps.load_model("out/model.json").A0[0] == pytest.approx([0.0, 1.0], abs=0.2)
+
+
+@pytest.mark.parametrize("velocities", ["auto", None])
+def test_a_copy_for_appended_data_knows_the_same_equations(velocities: str | None) -> None:
+    """Fitted to the appended states themselves, a copy of the estimator gives the model of the fit again."""
+    fit = ps.PersidskiiIdentifier(["x", "x**3"], ridge=1e-3, derivatives=1, velocities=velocities).fit(spring())
+    again = fit.on_appended().fit(embedded(spring(), derivatives=1))
+    assert fit.velocities_ == ({"x1": "x1_dot"} if velocities else {})
+    assert again.model_ == fit.model_
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from sklearn.base import clone
-
 from persid.certified_fits.comparison import comparison
 from persid.certified_fits.identifier import RATING, CertifiedIdentifier, rated
 from persid.errors import DataError
@@ -121,11 +119,12 @@ def trial(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, time_l
 
     The strength of the ridge and the functions are those of the fits to all data, chosen by their own validation.
     """
+    data = free._known(data)
     parts, record = hold_out(data), Record.of(data)
     if parts is None:
         return _seen(free, fit, data, record)
     try:
-        first = clone(free).set_params(ridge=free.ridge_, derivatives=0, delays=0).fit(parts.train)
+        first = free.on_appended().set_params(ridge=free.ridge_).fit(parts.train)
     except DataError:  # too little is left for a fit
         return _seen(free, fit, data, record)
     foretold = _scores(first.model_, parts, record, free.hold)
@@ -133,7 +132,8 @@ def trial(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, time_l
         return Trial(foretold, None)
     functions = {} if fit.functions_ is None else {"functions": fit.functions_}
     ridge = free.ridge_ if fit.ridge_ is None else fit.ridge_
-    again = CertifiedIdentifier(first.set_params(**functions), ridge=ridge, time_limit=time_limit).fit(parts.train)
+    alike = first.set_params(**functions, velocities=fit.velocities_)
+    again = CertifiedIdentifier(alike, ridge=ridge, time_limit=time_limit).fit(parts.train)
     found = isinstance(again.verdict_, Certified)
     return Trial(foretold, _scores(again.model_, parts, record, free.hold) if found else None)
 

@@ -138,11 +138,13 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             self.table_ = () if outside or y is not None else self._candidates(data, deadline)
             # a velocity whose equation is known makes a mechanical model, and springs need rows of the inequality that
             # are exactly zero, which no interior point has: where no certificate is found, the equation is fitted, too
-            known = self.free_.velocities == "auto" and bool(self.free_._velocities(data))
+            known = self.free_.velocities == "auto" and bool(self.free_.velocities_)
             first = began + KNOWN_SHARE * self.time_limit if known else deadline
             found = None if outside else self._final(X, y, given, data, self.table_, first)
-            if known and found is not None and found[0] is None:
+            given_up = known and found is not None and found[0] is None
+            if given_up:
                 found = self._final(X, y, given, data, self.table_, deadline, keeps=False)
+        self.velocities_ = {} if given_up else self.free_.velocities_
         result, history, chosen = found or (None, (), Choice(None, self.free_.ridge_))
         seconds = time.perf_counter() - began
         self.history_, self.ridge_ = history, None if result is None else chosen.ridge

@@ -83,7 +83,7 @@ def run(
     from persid.certified_fits.delivery import Delivery, deliver, trial
     from persid.commands.score import other_files, unseen_scores
     from persid.identification.advice import advise
-    from persid.identification.derivatives import embedded, refuse_constant, velocity_names
+    from persid.identification.derivatives import embedded, refuse_constant
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.measurements.recordings import without_still_inputs
@@ -112,21 +112,20 @@ def run(
     with talk.progress() as progress, kept(output) as keep:
         progress("reading the measurements")
         found = files_of(list(data))
-        states = {name: chosen.pop(name) for name in ("derivatives", "delays")}
+        states = {name: chosen[name] for name in ("derivatives", "delays")}
         read = read_measurements(found, **how)
         refuse_constant(read, _name(found))
-        measured = without_still_inputs(embedded(read, **states))
-        if states["derivatives"] and chosen["velocities"] == "auto":
-            chosen["velocities"] = velocity_names(measured.states[: len(how["states"])])
+        given = without_still_inputs(read)
+        measured = embedded(given, **states)
         progress("identifying the model")
-        fit = _identify(measured, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
+        fit = _identify(given, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)
         asked = question(operating_point, u_op, domain, time_limit)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         made = (
-            deliver(fit, verdict, measured, time_limit=time_limit, progress=progress, select=select, price=price)
+            deliver(fit, verdict, given, time_limit=time_limit, progress=progress, select=select, price=price)
             if usual
-            else Delivery(fit.model_, verdict, scores=trial(fit, None, measured).free)
+            else Delivery(fit.model_, verdict, scores=trial(fit, None, given).free)
         )
         if test:
             kept_out, basis = embedded(read_measurements(files_of(list(test)), **how), **states), other_files(test)
@@ -135,7 +134,7 @@ def run(
             other = mine if made.model is fit.model_ else unseen_scores(fit.model_, kept_out, basis, fit.hold)
             made = replace(made, scores=mine, free_scores=other)
         known = None if test else made.free_scores or made.scores
-        diagnosis = after(advise(fit, measured, known, progress), how["delay"])
+        diagnosis = after(advise(fit, given, known, progress), how["delay"])
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         tested = sources(files_of(list(test))) if test else ()
         record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts, tested, diagnosis)

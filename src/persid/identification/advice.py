@@ -125,7 +125,7 @@ def advise(
     """
     looked_at = without_still_inputs(beginnings(data, LONGEST, MOST_RUNS))
     work = embedded(looked_at, fit.derivatives, fit.delays)
-    base = clone(fit).set_params(derivatives=0, delays=0)
+    base = fit.on_appended()
     codes = list(suspicions.missing_codes(looked_at))
     if not codes and _is_good(fit, scores):
         return Diagnosis()

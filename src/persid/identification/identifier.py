@@ -4,12 +4,12 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import metadata
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
 from persid.errors import DataError
@@ -86,7 +86,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     holdout: the share of every run that is held out for the scores of `report_`.
     allow_underdetermined: whether to return the smallest of many exact fits instead of refusing.
 
-    After `fit`: model_, report_, gram_, coef_ (n, p), basis_, n_features_in_, n_states_in_, n_inputs_in_.
+    After `fit`: model_, report_, gram_, coef_ (n, p), basis_, velocities_ (those whose equations are known),
+    n_features_in_, n_states_in_, n_inputs_in_.
 
     Examples:
         >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
@@ -164,7 +165,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self._moving = [given.inputs.index(name) for name in measured.inputs]
         self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, problem.regression.window
         self.blocks_ = tuple(solution.blocks.values())
-        self.ridge_ = solution.ridge
+        self.ridge_, self.velocities_ = solution.ridge, self._velocities(data)
         self.coef_ = solution.theta.T
         self.report_ = self._report(problem, solution, (*data.notes, *notes))
         self.model_ = problem.basis.model(
@@ -179,6 +180,11 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         _refuse_in_memory_only(self)
         found = recordings_of(X, u, t, dt)
         return found, (_OUT_OF_CORE.format(size=found),)
+
+    def on_appended(self) -> "PersidskiiIdentifier":
+        """Return an unfitted copy of a fit for data to whose states its velocities and delays are appended already."""
+        copy = clone(self).set_params(derivatives=0, delays=0, velocities=self.velocities_)
+        return cast(PersidskiiIdentifier, copy)
 
     def _embedded(self, measured: Measurements) -> Measurements:
         return measured if isinstance(measured, Recordings) else self._appended(measured)
@@ -292,7 +298,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         if isinstance(X, Trajectories | Recordings) or hasattr(X, "columns"):
             self.feature_names_in_ = np.array(measured.states, dtype=object)
 
-    def _known(self, X: Any, u: Any, t: Any, dt: float | int | None) -> Trajectories:
+    def _known(self, X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Trajectories:
         """Return data for a fitted estimator: the same states and inputs, embedded like those of the fit."""
         check_is_fitted(self, "model_")
         if is_large(X):
