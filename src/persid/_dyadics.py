@@ -48,4 +48,4 @@ def dyadics(numbers: Iterable[float], bits: int | None = None) -> list[list[int]
 def rounded(numbers: Float[ndarray, "*shape"], bits: int = BITS) -> Float[ndarray, "*shape"]:
     """Return numbers rounded to the floats that `dyadic` writes."""
     fraction, exponent = np.frexp(numbers)
-    return np.ldexp(np.round(np.ldexp(fraction, bits)), exponent - bits)
+    return np.asarray(np.ldexp(np.round(np.ldexp(fraction, bits)), exponent - bits))

@@ -1,5 +1,6 @@
-"""Writing results: an existing good file is never replaced by a broken one, and nothing but a file is ever replaced."""
+"""Objects of JSON read; results written: a good file is never replaced by a broken one, nor what is no file by one."""
 
+import json
 import os
 import re
 import stat
@@ -7,8 +8,22 @@ import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+Json = dict[str, Any]  # an object as the JSON module gives it: what a key holds is known only to who wrote it
 DESCRIPTORS = {"/dev/stdout": 1, "/dev/stderr": 2}
+
+
+def json_object(text: str | bytes) -> Json:
+    """Return the object that a text of JSON is.
+
+    Raises:
+        ValueError: it is no JSON, or no object.
+    """
+    found: Any = json.loads(text)
+    if not isinstance(found, dict):
+        raise ValueError(f"a {type(found).__name__} where an object belongs")
+    return found
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> None:

@@ -275,7 +275,7 @@ def _unproved(table: Table, rays: "ndarray", w: "ndarray", kappa: float, nodes: 
     def coefficient(ray: "ndarray", s: int, where: "ndarray | None") -> "ndarray | float":
         if single is not None:
             return float(ray[single, s])
-        return ray[kind, s] if where is None else ray[kind[where], s]
+        return np.asarray(ray[kind if where is None else kind[where], s])
 
     def column_sums(ray: "ndarray", size: bool) -> "ndarray":
         T, D = np.zeros(len(local)), np.zeros(width)
@@ -284,7 +284,7 @@ def _unproved(table: Table, rays: "ndarray", w: "ndarray", kappa: float, nodes: 
         for s in range(len(diagonal)):
             D += coefficient(ray, s, None) * (np.abs(diagonal[s]) if size else diagonal[s])
         sums = np.bincount(local, weights=np.abs(T) * w_row, minlength=width)
-        return sums + (D + kappa * coefficient(ray, 0, None)) * w_node
+        return np.asarray(sums + (D + kappa * coefficient(ray, 0, None)) * w_node)
 
     # one bound for all generators: their largest entries (v_0 >= 0, so kappa v_0 is in it as well)
     operations = np.bincount(local, minlength=width) + len(values) + 8.0
@@ -293,7 +293,7 @@ def _unproved(table: Table, rays: "ndarray", w: "ndarray", kappa: float, nodes: 
     for s in range(len(values)):
         far |= _far(diagonal[s])
         far[local[_far(values[s])]] = True
-    return far | np.any([column_sums(ray, False) + bound > 0 for ray in rays], axis=0)
+    return np.asarray(far | np.any([column_sums(ray, False) + bound > 0 for ray in rays], axis=0))
 
 
 def _far(values: "ndarray") -> "ndarray":
@@ -301,4 +301,4 @@ def _far(values: "ndarray") -> "ndarray":
     import numpy as np
 
     size = np.abs(values)
-    return (size > LARGE) | ((size < 1 / LARGE) & (size > 0))
+    return np.asarray((size > LARGE) | ((size < 1 / LARGE) & (size > 0)))

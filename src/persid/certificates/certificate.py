@@ -3,7 +3,6 @@
 A Certificate holds the very bytes that were accepted; nothing else in persid may say that a model is certified.
 """
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._files import write_atomically
+from persid._files import Json, json_object, write_atomically
 from persid.certificates import bounds
 from persid.certificates import output_bounds as seen
 from persid.certificates.acceptance import accepted
@@ -67,9 +66,9 @@ class Certificate:
         write_atomically(path, self.data)
 
     @cached_property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """The certificate as an object."""
-        return json.loads(self.data)
+        return json_object(self.data)
 
     @cached_property
     def model(self) -> PersidskiiModel:
@@ -103,7 +102,7 @@ class Certificate:
         if self.stated.diagonal:
             return np.diag([float(entry) for (entry,) in rows])
         lower = np.array([[float(v) for v in row] + [0.0] * (len(rows) - len(row)) for row in rows])
-        return lower + np.tril(lower, -1).T
+        return np.asarray(lower + np.tril(lower, -1).T)
 
     @property
     def rate(self) -> float | None:
@@ -225,18 +224,18 @@ class Certificate:
         """Return x0 as a state from which the estimate holds."""
         if not self.stated.has_rate:
             raise PersidError("the claim has no rate and no gain; certify gives them (rate-and-gain) where it can")
-        x0 = np.asarray(x0, float)
-        if x0.shape != (self.model.n,) or not np.isfinite(x0).all():
-            raise ModelError(f"x0 is {x0.tolist()}; needed are {self.model.n} finite numbers")
-        if self.claim == "region" and not bounds.is_in_region(self.stated, x0):
-            raise PersidError(f"x0 = {x0.tolist()} is not proved to lie in the certified region")
-        return x0
+        start = np.asarray(x0, float)
+        if start.shape != (self.model.n,) or not np.isfinite(start).all():
+            raise ModelError(f"x0 is {start.tolist()}; needed are {self.model.n} finite numbers")
+        if self.claim == "region" and not bounds.is_in_region(self.stated, start):
+            raise PersidError(f"x0 = {start.tolist()} is not proved to lie in the certified region")
+        return start
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
         """Return the Lyapunov function at states x (N, n): V(x) = dx'P dx + 2 sum of integrals, dx = x - x*."""
         channels, point = self.model.channels, self.operating_point
         dx = np.asarray(x, float) - point
-        total = np.einsum("ki,ij,kj->k", dx, self.P, dx)
+        total: ndarray = np.einsum("ki,ij,kj->k", dx, self.P, dx)
         for part in self.stated.parts:
             row = np.zeros(self.model.n)
             row[list(part.row)] = [float(v) for v in part.row.values()]

@@ -1,17 +1,15 @@
 """Obstructions: an exact dual matrix X = L L' shows that a family of Lyapunov functions holds no certificate."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import dyadics
-from persid._files import write_atomically
+from persid._files import Json, json_object, write_atomically
 from persid.certificates.acceptance import accepted
 from persid.certificates.encoding import encode, factor, heading
 from persid.errors import RejectedError, RoundingError
@@ -44,9 +42,9 @@ class Obstruction:
         write_atomically(path, self.data)
 
     @cached_property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """The file as an object."""
-        return json.loads(self.data)
+        return json_object(self.data)
 
 
 def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | None:
@@ -56,7 +54,7 @@ def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | 
         return None
     try:
         L = _factor(outcome)
-        content: dict[str, Any] = {
+        content: Json = {
             **heading(model, "infeasible", _STATEMENT),
             "family": "full" if full else "diagonal",
             "groups": [{"forms": _forms(system, g, outcome)} for g in range(len(system.groups))],
@@ -72,7 +70,7 @@ def _factor(outcome: Outcome) -> Float[ndarray, "N r"]:
     """Return integers L with L L' close to X in the units of z."""
     w = outcome.assembly.unknowns.units.entries
     L = np.linalg.cholesky(outcome.solution.X) * w[:, None]
-    return np.round(np.ldexp(L, BITS - int(np.ceil(np.log2(np.abs(L).max())))))
+    return np.asarray(np.round(np.ldexp(L, BITS - int(np.ceil(np.log2(np.abs(L).max()))))))
 
 
 def _all_entries(model: PersidskiiModel, system: System, L: ndarray) -> ndarray:
@@ -85,7 +83,7 @@ def _all_entries(model: PersidskiiModel, system: System, L: ndarray) -> ndarray:
 
 def _lyapunov_product(system: System, L: ndarray) -> ndarray:
     GX = (system.G @ L) @ L[: system.n].T
-    return GX + GX.T
+    return np.asarray(GX + GX.T)
 
 
 def _forms(system: System, g: int, outcome: Outcome) -> list[list[list[int]]]:

@@ -1,6 +1,5 @@
 """Witnesses: what refutes input-to-state stability at the nominal input, found here and proved by `persid_check`."""
 
-import json
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -8,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.linalg as sla
@@ -17,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import dyadic, dyadics, rounded
-from persid._files import write_atomically
+from persid._files import Json, json_object, write_atomically
 from persid.certificates.acceptance import accepted
 from persid.certificates.encoding import encode, factor, heading
 from persid.errors import RejectedError, RoundingError
@@ -51,7 +49,7 @@ class Witness:
         Raises:
             RejectedError: the checker does not accept them as one; the message gives its reason.
         """
-        answer, content = accepted(data, ("refuted",)), json.loads(data)
+        answer, content = accepted(data, ("refuted",)), json_object(data)
         return cls(data, content["witness"]["kind"], content["statement"], answer.statement, answer.steps)
 
     def save(self, path: str | Path) -> None:
@@ -59,9 +57,9 @@ class Witness:
         write_atomically(path, self.data)
 
     @cached_property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """The witness file as an object."""
-        return json.loads(self.data)
+        return json_object(self.data)
 
     def __str__(self) -> str:
         return self.sentence
@@ -70,7 +68,7 @@ class Witness:
 @dataclass(frozen=True, eq=False)
 class _Candidate:
     kind: str
-    fields: dict[str, Any]
+    fields: Json
     sentence: str
 
 
@@ -113,7 +111,7 @@ def _unstable_linear_part(model: PersidskiiModel, u: ndarray, points: Sequence[O
         yield _Candidate("unstable-linear-part", grown, sentence)
 
 
-def _growth(J: Float[ndarray, "n n"]) -> dict[str, Any] | None:
+def _growth(J: Float[ndarray, "n n"]) -> Json | None:
     """Return S, sigma and e with J'S + S J - 2 sigma S near I and e'Se > 0, or None; J may be stable, or not finite."""
     if not np.isfinite(J).all():
         return None

@@ -55,7 +55,7 @@ class State:
     def inverse(self) -> Float[ndarray, "W W"]:
         """(Z + slack I)^-1."""
         half = sla.lapack.dtrtri(self.L, lower=1)[0]  # triangular solves of SciPy start threads at every size
-        return half.T @ half
+        return np.asarray(half.T @ half)
 
 
 def pairings(inequality: Inequality, V: Float[ndarray, "d d"]) -> Float[ndarray, " u"]:

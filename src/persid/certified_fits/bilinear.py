@@ -65,7 +65,7 @@ class Inequality:
     @property
     def barriers(self) -> int:
         """Order of all inequalities together: how much a unit of the barrier's weight costs at its centre."""
-        return self.S.shape[1] + self.symmetric + len(self.cost) - self.free
+        return int(self.S.shape[1] + self.symmetric + len(self.cost) - self.free)
 
     @cached_property
     def pairs(self) -> Pairs:
@@ -99,7 +99,7 @@ class Inequality:
     def slopes(self, y: Float[ndarray, " J"]) -> Float[ndarray, "W n"]:
         """Return E."""
         g = self.gradient
-        return self.S[g.p].T @ ((g.weight * y[g.owner])[:, None] * self.rho[g.q])
+        return np.asarray(self.S[g.p].T @ ((g.weight * y[g.owner])[:, None] * self.rho[g.q]))
 
     def rows(self, F: ndarray, E: ndarray) -> Float[ndarray, "d W"]:
         """Return D = [S; rho (F + kappa upper I); E']."""
@@ -113,7 +113,7 @@ class Inequality:
         g, t, s = self.gradient, self.product, len(self.S)
         half = self.S[g.p].T @ ((g.weight * y[g.owner])[:, None] * D[s + g.q])
         half += self.S[t.p].T @ ((t.weight * y[t.owner])[:, None] * self.S[t.q])
-        return -(half + half.T) - self.delta * np.eye(self.S.shape[1])
+        return np.asarray(-(half + half.T) - self.delta * np.eye(self.S.shape[1]))
 
     def P(self, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
         """Return the full matrix P(y), of order 0 where P is diagonal."""

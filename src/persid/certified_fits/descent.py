@@ -190,7 +190,7 @@ def _keeping(solver: Callable[[ndarray], ndarray], g: ndarray, c: ndarray) -> nd
     if not c.any():
         return -a
     b = solver(c)
-    return -a + b * (c @ a) / (c @ b)
+    return np.asarray(-a + b * (c @ a) / (c @ b))
 
 
 def _bend(inequality: Inequality, state: State, d: ndarray, beta: float, seeking: bool) -> ndarray:

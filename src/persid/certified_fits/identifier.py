@@ -35,6 +35,7 @@ from persid.certified_fits.multistart import Line, Result, Task, best_certified,
 from persid.errors import DataError
 from persid.identification import free_runs as freerun
 from persid.identification.estimators import estimator
+from persid.identification.gram import Gram
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.refinement import Pieces
 from persid.lyapunov.shifted_model import undefined
@@ -193,7 +194,8 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         return None, history
 
     def _task(self, fitted: Any, ridge: float, demand: Demand, deadline: float) -> Task:
-        gram, box = fitted.gram_, fitted.model_.domain
+        gram: Gram = fitted.gram_
+        box = fitted.model_.domain
         provenance = fitted.model_.provenance | {"fitted_under": "certificate", "ridge": ridge}
 
         def make(theta: Float[ndarray, "p n"]) -> PersidskiiModel:

@@ -110,7 +110,7 @@ class Frame:
     def values(self) -> ndarray:
         """phi(x*) of the columns that depend on x."""
         anchor = self.gram.basis.x_ref if self.anchor is None else self.anchor
-        return self.gram.basis.values(anchor[None])[0]
+        return np.asarray(self.gram.basis.values(anchor[None])[0])
 
     @cached_property
     def fit(self) -> Fit:
@@ -139,7 +139,7 @@ class Frame:
     def weights(self) -> Float[ndarray, " n"]:
         """One over the mean squared residual of each equation of the free fit."""
         residual = self.gram.residual(self.gram.solve(self.ridge))
-        return 1 / np.maximum(residual, NOISE_FLOOR * self.gram.yy / self.gram.rows + 1e-300)
+        return np.asarray(1 / np.maximum(residual, NOISE_FLOOR * self.gram.yy / self.gram.rows + 1e-300))
 
     def excess(self, theta: Coefficients) -> float:
         """Return the mean over equations of residual / free residual - 1."""
@@ -270,7 +270,7 @@ class Frame:
         """What a coefficient (column j of the regression, state i) is multiplied by in F."""
         weights = np.concatenate([self.units.entries, self.units.inputs[: self.inputs]])
         used = np.where(self._columns >= 0, weights[np.maximum(self._columns, 0)], 0.0)
-        return used[:, None] / self.units.states / self.units.rate
+        return np.asarray(used[:, None] / self.units.states / self.units.rate)
 
     def _scaled_flow(self, theta: Coefficients) -> ndarray:
         F = np.zeros((self.pattern.n, self.pattern.entries + self.inputs))

@@ -256,7 +256,7 @@ def _inside(task: Task, point: ndarray) -> ndarray:
     """Return a point, moved to the centre of the box where it lies outside."""
     if task.box is None or ((point > task.box[:, 0]) & (point < task.box[:, 1])).all():
         return point
-    return task.box.mean(axis=1)
+    return np.asarray(task.box.mean(axis=1))
 
 
 def _has_constant(gram: Gram) -> bool:

@@ -28,6 +28,7 @@ from persid.commands.options import FILE, NEW_FILE, batching, proving, talking
 
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
+    from persid.models.outputs import OutputModel
 
 
 @click.command()
@@ -162,7 +163,7 @@ def _targets(models: Sequence[Path], output: Path) -> list[Path]:
     return [output.with_name(name) for name in names]
 
 
-def _write_proof(verdict: Any, model: "PersidskiiModel", target: Path) -> str | None:
+def _write_proof(verdict: Any, model: "PersidskiiModel | OutputModel", target: Path) -> str | None:
     """Write the proof of a verdict and return its path; remove a certificate of another model of that name.
 
     That no certificate of some family exists is written too, but never over a certificate of this model.
@@ -178,7 +179,7 @@ def _write_proof(verdict: Any, model: "PersidskiiModel", target: Path) -> str | 
     return None
 
 
-def _is_certificate_of(model: "PersidskiiModel", path: Path) -> bool:
+def _is_certificate_of(model: "PersidskiiModel | OutputModel", path: Path) -> bool:
     """Whether a file says that it is a certificate of stability of this model."""
     from persid_check.format import WORDS
 

@@ -14,6 +14,7 @@ from persid.errors import DataError, ModelError, PersidError
 
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
+    from persid.models.outputs import OutputModel
 
 DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 EXIT_CODES = {
@@ -79,7 +80,7 @@ def kept(folder: Path) -> Iterator[Callable[[Any], None]]:
         ) from None
 
 
-def read_model(path: Path) -> "PersidskiiModel":
+def read_model(path: Path) -> "PersidskiiModel | OutputModel":
     from persid.models.files import load_model
 
     try:

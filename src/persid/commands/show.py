@@ -31,13 +31,14 @@ def simulate(
       persid simulate model.json --x0 1,3 --input "sin(t)" --t-end 30 --dt 0.03 -o run.csv
     """
     from persid.commands import signals as making
+    from persid.models.outputs import OutputModel
 
     talk = Talk(as_json, quiet)
     subject = read_model(model)
     refuse_unwritable(output)
     with talk.progress() as progress:
         start = making.start(subject, x0, y_init, inputs["time"])
-        t, u = making.times_and_inputs(getattr(subject, "dynamics", subject), **inputs)
+        t, u = making.times_and_inputs(subject.dynamics if isinstance(subject, OutputModel) else subject, **inputs)
         progress("simulating")
         found = subject.simulate(t=t, u=u, **start)
     output.parent.mkdir(parents=True, exist_ok=True)

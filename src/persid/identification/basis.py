@@ -214,7 +214,7 @@ def is_auto(value: Any) -> bool:
 
 
 def _reach(x: Moments, reference: ndarray) -> ndarray:
-    return np.maximum(np.abs(x.low - reference), np.abs(x.high - reference))
+    return np.asarray(np.maximum(np.abs(x.low - reference), np.abs(x.high - reference)))
 
 
 def reference_point(x: Moments) -> Float[ndarray, " k"]:

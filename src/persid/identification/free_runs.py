@@ -122,7 +122,7 @@ def one_step(rhs: Rate, run: Trajectory, hold: str, substeps: int = 2) -> Float[
     after = run.u if hold == "zoh" else np.vstack([run.u[1:], run.u[-1:]])
     with np.errstate(all="ignore"):
         moved = _advance(rhs, run.x, h, run.u, after, substeps)
-    return np.nan_to_num(moved, nan=0.0, posinf=1e300, neginf=-1e300)
+    return np.asarray(np.nan_to_num(moved, nan=0.0, posinf=1e300, neginf=-1e300))
 
 
 def _advance(rhs: Rate, x: ndarray, h: ndarray, before: ndarray, after: ndarray, substeps: int) -> ndarray:
@@ -211,7 +211,7 @@ def _batch_rhs(basis: Basis, thetas: ndarray) -> Rate:
 
     def rhs(x: ndarray, u: ndarray) -> ndarray:
         forced = np.matmul((u - basis.u_ref)[:, None], of_input)[:, 0] if basis.inputs else 0.0
-        return np.matmul(basis.values(x)[:, None], of_state)[:, 0] + forced + constant
+        return np.asarray(np.matmul(basis.values(x)[:, None], of_state)[:, 0] + forced + constant)
 
     return rhs
 

@@ -72,11 +72,11 @@ class Gram:
     def residual(self, theta: Float[ndarray, "p n"]) -> Float[ndarray, " n"]:
         """Return the mean squared residual of each equation."""
         value = self.yy - 2 * np.einsum("ij,ij->j", self.H, theta) + np.einsum("ij,ij->j", theta, self.G @ theta)
-        return np.maximum(value, 0) / max(self.rows, 1)
+        return np.asarray(np.maximum(value, 0) / max(self.rows, 1))
 
     def solve(self, ridge: float) -> Float[ndarray, "p n"]:
         """Return theta of the ridge fit; the strength is relative to columns of mean square 1, the constant is free."""
-        return self.path(np.array([float(ridge)]))[0]
+        return np.asarray(self.path(np.array([float(ridge)]))[0])
 
     def path(self, ridges: Float[ndarray, " k"]) -> Float[ndarray, "k p n"]:
         """Return theta for every ridge strength, from one factorisation a state."""
@@ -88,7 +88,7 @@ class Gram:
             states = np.flatnonzero((used == pattern[:, None]).all(axis=0))
             solutions = self._solve_columns(pattern, states, ridges)
             out[np.ix_(np.arange(len(ridges)), np.flatnonzero(pattern), states)] = solutions
-        return out + self.structure.given
+        return np.asarray(out + self.structure.given)
 
     def _solve_columns(self, used: ndarray, states: ndarray, ridges: ndarray) -> ndarray:
         """Solve (C + ridge) w = c in units where every column has mean square 1, then put the constant back."""

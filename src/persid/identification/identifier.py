@@ -233,7 +233,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         if self.ridge != "auto":
             return float(self.ridge)
         if curve:
-            return curve.best
+            return float(curve.best)
         return FALLBACK_RIDGE if self._estimator.additive else 0.0
 
     def _held_out(self, problem: Problem, folds: dict[int, Gram], ridge: float) -> Float[ndarray, "p n"] | None:

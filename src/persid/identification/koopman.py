@@ -234,7 +234,7 @@ def _from_triangle(root: Triangle, d: ndarray) -> ndarray:
             f"the samples determine only {int((s > floor).sum())} of {size} lifting functions; "
             "an input that never varies, or too few samples, does that: leave functions or inputs out, or add data"
         )
-    return (Vt.T / s @ U.T @ root.R[:, size:]) / d[:, None]
+    return np.asarray((Vt.T / s @ U.T @ root.R[:, size:]) / d[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,7 +394,7 @@ def gamma(
     n = len(lifting.basis.states)
     psi, columns = lifting.values(x, u), lifting.columns(x, u)
     if reading == "coordinates":
-        return np.linalg.lstsq(columns, psi @ L[:, :n], rcond=None)[0].T
+        return np.asarray(np.linalg.lstsq(columns, psi @ L[:, :n], rcond=None)[0].T)
     if reading != "literal":
         raise DataError(f'gamma={reading!r}; choose "coordinates" or "literal"')
     slopes, inverse = lifting.slopes(x), np.linalg.pinv(psi)

@@ -59,7 +59,7 @@ class Pieces:
         return self._relative(runs), np.nan_to_num(slopes / self.width[:, None]).reshape(-1, len(free))
 
     def _relative(self, runs: ndarray) -> ndarray:
-        return np.clip(np.nan_to_num((runs - self.x[:, 1:]) / self.width, nan=FAR), -FAR, FAR).ravel()
+        return np.asarray(np.clip(np.nan_to_num((runs - self.x[:, 1:]) / self.width, nan=FAR), -FAR, FAR).ravel())
 
 
 def refine(

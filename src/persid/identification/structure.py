@@ -46,7 +46,7 @@ class Structure:
         """The largest number of unknowns that a sample of all states has to determine, per state."""
         if self.is_separate:
             return int((self.parameter >= 0).sum(axis=0).max())
-        return -(-self.count // self.parameter.shape[1])
+        return int(-(-self.count // self.parameter.shape[1]))
 
 
 def make_structure(

@@ -30,7 +30,7 @@ def choose_window(data: Measurements) -> int:
 def noise_of(runs: list[ndarray]) -> Float[ndarray, " n"]:
     """Return the standard deviation of every state's measurement noise, read off third differences."""
     noise = np.concatenate([np.diff(x, 3, axis=0) for x in runs if len(x) > 3] or [np.zeros((1, runs[0].shape[1]))])
-    return np.sqrt((noise**2).mean(axis=0) / 20)
+    return np.asarray(np.sqrt((noise**2).mean(axis=0) / 20))
 
 
 def _moves_enough(runs: list[ndarray], window: int) -> bool:

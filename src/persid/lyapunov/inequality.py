@@ -206,7 +206,7 @@ class Catalogue:
         return self._append(row, upper, product, size), size * self.units.rate
 
     def _decaying(self, row: ndarray, upper: float) -> ndarray:
-        product = row @ self.flow
+        product: ndarray = row @ self.flow
         if upper:
             k = len(self.system.states)
             product[:k] += (
@@ -262,7 +262,7 @@ class Catalogue:
         if least < 0 < most or not least < most:
             return X
         c = 0.5 * (least + most) if np.isfinite(least) else 2 * most
-        return X - c * np.eye(self.width)
+        return np.asarray(X - c * np.eye(self.width))
 
     def _off_diagonal(self, X: ndarray) -> ndarray:
         """Return the prices of all products of two different forms."""
@@ -329,7 +329,7 @@ def _interior(system: System, units: Scaling) -> ndarray:
     z = np.clip(np.nan_to_num(z / units.entries), -1e6, 1e6)
     z /= np.maximum(np.linalg.norm(z, axis=1, keepdims=True), 1e-300)  # functions may vanish together
     X = z.T @ z / count
-    return X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X)
+    return np.asarray(X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X))
 
 
 def _share_inside(group: Group, x: ndarray) -> ndarray:
@@ -338,7 +338,7 @@ def _share_inside(group: Group, x: ndarray) -> ndarray:
         return np.ones(len(x))
     y = x @ group.row
     limit = np.where(y < 0, -float(group.curve.domain[0]), float(group.curve.domain[1]))
-    return np.minimum(1.0, 0.98 * limit / np.maximum(np.abs(y), 1e-300))
+    return np.asarray(np.minimum(1.0, 0.98 * limit / np.maximum(np.abs(y), 1e-300)))
 
 
 def theorem_1(
@@ -385,7 +385,7 @@ def reduced_theorem_1(
         if s > 0:
             S[(s - 1) * n : s * n, (z - 1) * n : z * n] += np.diag(line)
             S[(z - 1) * n : z * n, (s - 1) * n : s * n] += np.diag(line)
-    return E @ G + G.T @ E.T + S
+    return np.asarray(E @ G + G.T @ E.T + S)
 
 
 def corollary_1(system: System) -> tuple[Family, ...]:

@@ -100,7 +100,7 @@ class Solution:
     @cached_property
     def X(self) -> Float[ndarray, "N N"]:
         """The dual matrix, in the coordinates of the problem given."""
-        return self.C @ self.last.X @ self.C.T
+        return np.asarray(self.C @ self.last.X @ self.C.T)
 
     @property
     def aim(self) -> tuple[Float[ndarray, "N N"], float]:

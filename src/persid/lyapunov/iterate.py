@@ -143,7 +143,7 @@ class _Direction:
 
 
 def _symmetric(M: ndarray) -> ndarray:
-    return 0.5 * (M + M.T)
+    return np.asarray(0.5 * (M + M.T))
 
 
 def _half(M: ndarray) -> ndarray:
@@ -153,11 +153,12 @@ def _half(M: ndarray) -> ndarray:
     factor, failed = sla.lapack.dpotrf(M, lower=1, clean=1)
     if failed:
         raise sla.LinAlgError("not positive definite")
-    return sla.lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]  # trtrs would start threads at every size
+    half: ndarray = sla.lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]  # trtrs would start threads at every size
+    return half
 
 
 def _inverse(half: ndarray) -> ndarray:
-    return half.T @ half
+    return np.asarray(half.T @ half)
 
 
 def _is_positive(M: ndarray) -> bool:

@@ -64,7 +64,7 @@ class Lyapunov:
     def decrease(self) -> Float[ndarray, "N N"]:
         """The matrix -Q - kappa W."""
         EG = self.E @ self.system.G
-        total = -EG - EG.T
+        total: ndarray = -EG - EG.T
         if self.kappa:
             k = len(self.system.states)
             total[:k, :k] -= self.kappa * self.P[np.ix_(self.system.states, self.system.states)]
@@ -84,7 +84,7 @@ class Lyapunov:
     def below(self) -> Float[ndarray, "n n"]:
         """A matrix with V >= x'below x on the domain: P and, on a domain, what the integrals add."""
         rows = np.array([group.row for group in self.system.groups]).reshape(-1, self.system.n)
-        return self.P + (rows.T * [float(part.mu @ part.lower) for part in self.chosen]) @ rows
+        return np.asarray(self.P + (rows.T * [float(part.mu @ part.lower) for part in self.chosen]) @ rows)
 
     @cached_property
     def gamma(self) -> float:
@@ -107,7 +107,7 @@ class Lyapunov:
         least = EB.T @ np.linalg.solve(scale[:, None] * self.decrease * scale, EB)
         sizes = np.diag(least)
         floor = 1e-18 * (sizes.max(initial=0.0) or 1.0)
-        return (least + least.T) / 2 + np.diag(SLACK * np.maximum(sizes, floor))
+        return np.asarray((least + least.T) / 2 + np.diag(SLACK * np.maximum(sizes, floor)))
 
     @property
     def depth(self) -> float:

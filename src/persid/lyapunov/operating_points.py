@@ -37,7 +37,7 @@ class OperatingPoint:
 
         The checker takes the ball's radius r off its own box, and names the box in x less 2r at each side.
         """
-        return np.minimum(self.x - box[:, 0], box[:, 1] - self.x) - 3 * self.radius
+        return np.asarray(np.minimum(self.x - box[:, 0], box[:, 1] - self.x) - 3 * self.radius)
 
     def to_dict(self, *, with_input: bool = True) -> dict[str, Any]:
         """Return the point as a certificate writes it."""
@@ -150,4 +150,4 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray, units: ndarray) 
 
 
 def _bounded(values: ndarray) -> ndarray:
-    return np.nan_to_num(values, nan=1e100, posinf=1e100, neginf=-1e100)
+    return np.asarray(np.nan_to_num(values, nan=1e100, posinf=1e100, neginf=-1e100))

@@ -39,7 +39,7 @@ class Problem:
     @property
     def order(self) -> int:
         """Order of the matrix inequality."""
-        return self.H.shape[1]
+        return int(self.H.shape[1])
 
     @property
     def free(self) -> int:
@@ -95,7 +95,7 @@ def combine(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "N N"]:
     half = (products @ weights[inside]).reshape(N, N)
     if len(outside):
         half += (lines @ weights[outside]).reshape(len(problem.H), N).T @ problem.H
-    return half + half.T
+    return np.asarray(half + half.T)
 
 
 def _product(problem: Problem, M: ndarray) -> ndarray:
@@ -125,7 +125,7 @@ def lengths(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
     squares = np.concatenate([problem.S.multiply(problem.S @ M).sum(axis=1), ((problem.H @ M) * problem.H).sum(axis=1)])
     norms = np.sqrt(np.maximum(squares, 0))
     products = 2 * norms[problem.p] * norms[problem.q]
-    return products if problem.tie is None else abs(problem.tie).T @ products
+    return np.asarray(products if problem.tie is None else abs(problem.tie).T @ products)
 
 
 def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) -> Float[ndarray, "J J"]:
@@ -194,6 +194,6 @@ def schur_of_P(U: Float[ndarray, "k k"], V: Float[ndarray, "k k"]) -> Float[ndar
     i, j = np.triu_indices(len(U))
 
     def products(a: ndarray, b: ndarray, c: ndarray, d: ndarray) -> ndarray:
-        return U[np.ix_(a, b)] * V[np.ix_(c, d)]
+        return np.asarray(U[np.ix_(a, b)] * V[np.ix_(c, d)])
 
-    return products(j, i, i, j) + products(j, j, i, i) + products(i, i, j, j) + products(i, j, j, i)
+    return np.asarray(products(j, i, i, j) + products(j, j, i, i) + products(i, i, j, j) + products(i, j, j, i))

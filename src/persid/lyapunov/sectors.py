@@ -209,7 +209,7 @@ def _facets(V: Float[ndarray, "N d"]) -> Float[ndarray, "K d"]:
         if hull is None:
             return np.zeros((0, d))
         normals = -(hull.equations[:, :-1] @ section + hull.equations[:, -1:] * centre)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def _hull(points: Float[ndarray, "N e"]) -> "ConvexHull | None":
@@ -358,7 +358,7 @@ def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[fl
 
 
 def _directions(V: ndarray) -> ndarray:
-    return V / np.linalg.norm(V, axis=1, keepdims=True)
+    return np.asarray(V / np.linalg.norm(V, axis=1, keepdims=True))
 
 
 def _first_seen(L: ndarray) -> ndarray:

@@ -36,7 +36,7 @@ class System:
     @property
     def entries(self) -> int:
         """Number of entries of z."""
-        return self.G.shape[1]
+        return int(self.G.shape[1])
 
     @cached_property
     def places(self) -> dict[int, int]:
@@ -185,4 +185,4 @@ def _balance(M: Float[ndarray, "n n"], free: Bool[ndarray, " n"]) -> Float[ndarr
     """
     d = sla.matrix_balance(M, permute=False, separate=True)[1][0]
     known = free if free.all() else ~free
-    return (d / np.exp2(np.round(np.log2(d[known]).mean())))[free]
+    return np.asarray((d / np.exp2(np.round(np.log2(d[known]).mean())))[free])

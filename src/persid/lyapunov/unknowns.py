@@ -68,7 +68,7 @@ class Unknowns:
         rest = [part for family, mu, tau in groups for part in (mu[list(family.densities)], tau)]
         last = [] if self.target.ratio is None else [np.array([numbers.p])]
         head = symmetric_entries(P * self._P_units) if self.symmetric else np.diag(P)
-        return np.concatenate([head, *rest, *last]) * self.sizes
+        return np.asarray(np.concatenate([head, *rest, *last]) * self.sizes)
 
     @property
     def _kept(self) -> tuple[ndarray, ...]:
@@ -77,7 +77,7 @@ class Unknowns:
     @property
     def _P_units(self) -> Float[ndarray, "k k"]:
         states = self.units.states[list(self.system.states)]
-        return states[:, None] * states * self.units.rate
+        return np.asarray(states[:, None] * states * self.units.rate)
 
     def _beside(self, mu: Sequence[ndarray], p: float) -> Float[ndarray, "n n"]:
         """Return what P holds beside its own unknowns: p diag(shape), less d r r' for every mu (claim R)."""

@@ -83,8 +83,9 @@ def _as_frame(value: Any, letter: str) -> pd.DataFrame:
         value = value.to_frame(None if value.name is None else str(value.name))
     if not isinstance(value, pd.DataFrame):
         value = value.to_pandas() if hasattr(value, "to_pandas") else pd.DataFrame(np.asarray(value))
-    names = [c if isinstance(c, str) else f"{letter}{k + 1}" for k, c in enumerate(value.columns)]
-    return value.set_axis(names, axis=1)
+    frame: pd.DataFrame = value
+    names = [c if isinstance(c, str) else f"{letter}{k + 1}" for k, c in enumerate(frame.columns)]
+    return frame.set_axis(names, axis=1)
 
 
 def _timed(frame: pd.DataFrame) -> pd.DataFrame:

@@ -7,7 +7,7 @@ functions below ask for these without saying where the data lie, so that every f
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy import ndarray
@@ -256,8 +256,8 @@ def without_still_inputs(data: Kind) -> Kind:
     if not still:
         return data
     note = f"{', '.join(still)} never {'varies' if len(still) == 1 else 'vary'}: no input of the model"
-    kept: Any = data.with_inputs([name for name in data.inputs if name not in still])
-    return replace(kept, notes=(*data.notes, note))
+    kept = data.with_inputs([name for name in data.inputs if name not in still])
+    return cast("Kind", replace(kept, notes=(*data.notes, note)))
 
 
 def steps(data: Measurements) -> Steps:

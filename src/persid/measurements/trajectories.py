@@ -241,15 +241,16 @@ def sample_times(where: str, t: Any, dt: float | int | None, count: int) -> Floa
         if not (np.isfinite(dt) and dt > 0):
             raise DataError(f"{where}: dt = {dt}; needed is a positive step in s")
         return np.arange(count) * float(dt)
-    t = _numbers(where, "t", t)
-    if t.shape != (count,):
-        raise DataError(f"{where}: t has shape {t.shape} but there are {count} samples; give one time per sample")
-    back = np.flatnonzero(np.diff(t) <= 0)
+    times = _numbers(where, "t", t)
+    if times.shape != (count,):
+        raise DataError(f"{where}: t has shape {times.shape} but there are {count} samples; give one time per sample")
+    back = np.flatnonzero(np.diff(times) <= 0)
     if len(back):
         k = int(back[0])
-        what = "is repeated" if t[k + 1] == t[k] else f"comes before {t[k]!r}"
-        raise DataError(f"{where}: sample {k + 1} has time {float(t[k + 1])!r}, which {what}; times in s must increase")
-    return t
+        now, before = float(times[k + 1]), float(times[k])
+        what = "is repeated" if now == before else f"comes before {before!r}"
+        raise DataError(f"{where}: sample {k + 1} has time {now!r}, which {what}; times in s must increase")
+    return times
 
 
 def _numbers(where: str, name: str, value: Any) -> ndarray:

@@ -3,14 +3,13 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from persid.errors import ModelError
 from persid.models import outputs
 from persid.models.model import PersidskiiModel
 
 
-def load_model(path: str | Path) -> Any:
+def load_model(path: str | Path) -> PersidskiiModel | outputs.OutputModel:
     """Read a model from `model.json`: a PersidskiiModel, or an OutputModel where the file holds one.
 
     Raises:

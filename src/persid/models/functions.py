@@ -26,7 +26,7 @@ def _erf(y: ndarray) -> ndarray:
 
 
 def _softplus(y: ndarray) -> ndarray:
-    return np.logaddexp(0.0, y)
+    return np.asarray(np.logaddexp(0.0, y))
 
 
 def _logistic(y: ndarray) -> ndarray:
@@ -34,7 +34,7 @@ def _logistic(y: ndarray) -> ndarray:
 
 
 def _log_cosh(y: ndarray) -> ndarray:
-    return np.abs(y) + np.log1p(np.exp(-2 * np.abs(y))) - np.log(2.0)
+    return np.asarray(np.abs(y) + np.log1p(np.exp(-2 * np.abs(y))) - np.log(2.0))
 
 
 # name: (value, derivative). At a kink the derivative is the one on the right.
@@ -88,7 +88,7 @@ def _power(base: ndarray, exponent: float) -> ndarray:
         for bit in bin(int(exponent))[3:]:
             result = result * result if bit == "0" else result * result * base
         return result
-    return np.power(base, int(exponent) if exponent == int(exponent) else exponent)
+    return np.asarray(np.power(base, int(exponent) if exponent == int(exponent) else exponent))
 
 
 def _pair(program: Program, y: ndarray) -> tuple[ndarray, ndarray]:
@@ -287,7 +287,7 @@ class Layer:
         """Return what ("value" or "derivative") each function gives for its entry of y; one call a kind."""
         y = y + self.shifts
         if len(self.kinds) == 1:
-            return getattr(self.kinds[0][0], what)(y)
+            return np.asarray(getattr(self.kinds[0][0], what)(y))
         found = np.empty_like(y)
         for g, places in self.kinds:
             found[..., places] = getattr(g, what)(y[..., places])
@@ -306,4 +306,4 @@ def _quadrature(f: _Unary, y: ndarray, panels: int = 16, nodes: int = 20) -> nda
     """Integrate f from 0 to each y by Gauss-Legendre on equal panels."""
     points, weights = np.polynomial.legendre.leggauss(nodes)
     fractions = ((np.arange(panels)[:, None] + 0.5 * (points + 1)) / panels).ravel()
-    return y * (f(y[..., None] * fractions) @ np.tile(0.5 * weights / panels, panels))
+    return np.asarray(y * (f(y[..., None] * fractions) @ np.tile(0.5 * weights / panels, panels)))

@@ -45,7 +45,7 @@ def estimate(known: Known, t: Float[ndarray, " N"], u: Float[ndarray, "N m"] | N
     prior = np.eye(len(mean)) if known.x_cov is not None else np.zeros((0, len(mean)))
 
     def misses(v: ndarray) -> ndarray:
-        return residuals(v[None])[0]
+        return np.asarray(residuals(v[None])[0])
 
     def residuals(V: ndarray) -> ndarray:
         """Return one row for each of many candidates x_mean + root v."""
@@ -54,7 +54,7 @@ def estimate(known: Known, t: Float[ndarray, " N"], u: Float[ndarray, "N m"] | N
 
     def slopes(v: ndarray) -> ndarray:
         found = residuals(v + DIFFERENCE * np.vstack([np.eye(len(v)), -np.eye(len(v))]))
-        return (found[: len(v)] - found[len(v) :]).T / (2 * DIFFERENCE)
+        return np.asarray((found[: len(v)] - found[len(v) :]).T / (2 * DIFFERENCE))
 
     found = [least_squares(misses, v, slopes) for v in _starts(known)]
     return mean + root @ min(found, key=lambda result: float(result.cost)).x
@@ -72,13 +72,14 @@ def _outputs(known: Known, X: Float[ndarray, "S n"], t: ndarray, u: ndarray | No
 
 
 def _measured(known: Known, t: ndarray, y: Any) -> ndarray:
-    y, count = np.asarray(y, float), len(known.equation.outputs)
-    y = y[:, None] if y.ndim == 1 and count == 1 else y
-    if y.ndim != 2 or y.shape[1] != count or not 1 <= len(y) <= len(t) or not np.isfinite(y).all():
+    found, count = np.asarray(y, float), len(known.equation.outputs)
+    found = found[:, None] if found.ndim == 1 and count == 1 else found
+    shape = found.shape
+    if found.ndim != 2 or shape[1] != count or not 1 <= shape[0] <= len(t) or not np.isfinite(found).all():
         raise ModelError(
-            f"y_init has shape {y.shape}; needed are finite outputs (k, {count}) at the first k of {len(t)} times"
+            f"y_init has shape {shape}; needed are finite outputs (k, {count}) at the first k of {len(t)} times"
         )
-    return y
+    return found
 
 
 def _mean(known: Known) -> ndarray:
@@ -95,7 +96,7 @@ def _spread(known: Known, given: int) -> Float[ndarray, "n n"]:
             )
         return np.eye(n)
     sizes, directions = np.linalg.eigh(known.x_cov)
-    return directions * np.sqrt(np.maximum(sizes, 1e-9 * sizes.max()))
+    return np.asarray(directions * np.sqrt(np.maximum(sizes, 1e-9 * sizes.max())))
 
 
 def _noise(known: Known, y: ndarray) -> ndarray:

@@ -60,7 +60,7 @@ def lsoda_steps(
     """Yield LSODA's solver after each of its steps over a span of time, in s; right sides are cut off at `HUGE`."""
 
     def guarded(s: float, y: ndarray) -> ndarray:
-        return np.clip(rate(s, y), -HUGE, HUGE)
+        return np.asarray(np.clip(rate(s, y), -HUGE, HUGE))
 
     solver = LSODA(guarded, span[0], x, span[1], rtol=rtol, atol=atol)
     while solver.status == "running":
@@ -161,7 +161,7 @@ class _Solver:
         """Integrate over t, where the input does not jump; return the states at t up to an early end, and that end."""
 
         def rate(s: float, y: ndarray) -> ndarray:
-            return self.drift(y) + force(s)
+            return np.asarray(self.drift(y) + force(s))
 
         states, k, still = [x[None]], 1, 0
         for solver in lsoda_steps(rate, x, (t[0], t[-1]), rtol=self.rtol, atol=self.atol):

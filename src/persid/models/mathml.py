@@ -38,7 +38,7 @@ def counts(model: PersidskiiModel) -> Int[ndarray, " n"]:
     """Return the number of terms of each equation."""
     channels = model.channels
     parts = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]])
-    return np.count_nonzero(parts, axis=1)
+    return np.asarray(np.count_nonzero(parts, axis=1))
 
 
 def _math(body: str) -> str:

@@ -180,7 +180,7 @@ class PersidskiiModel:
         dot = dx @ self.A0.T + self.b
         for term in self.terms:
             dot = dot + term.values(dx) @ term.A.T
-        return dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T
+        return np.asarray(dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T)
 
     def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"] | Sparse:
         """Return the matrix of derivatives of x' by x at one state, in 1/s; a sparse one for a sparse model."""
@@ -191,7 +191,8 @@ class PersidskiiModel:
             J = J + (scaled if term.R is None else scaled @ term.R)
         if self.is_sparse:
             J = csc_array(J)
-        return J
+        matrix: ndarray = J
+        return matrix
 
     def simulate(
         self, x0: Any, t: Float[ndarray, " N"], u: Input = None, *, rtol: float = 1e-8, atol: float = 1e-10

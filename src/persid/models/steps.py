@@ -76,7 +76,7 @@ def swept(
     found[0] = X
 
     def rate(x: ndarray, drive: ndarray) -> ndarray:
-        return dot(x) + drive
+        return np.asarray(dot(x) + drive)
 
     for k, (length, first, last) in enumerate(zip(dt, *force, strict=True)):
         h, slope = length / steps, (last - first) / (2 * steps)
@@ -149,7 +149,7 @@ class _Record:
             (swept(self.dot, self.starts + delta * e, self.dt, self.force, steps)[-1] - ends) / delta
             for e in np.eye(len(self.starts.T))
         ]
-        return np.nan_to_num(np.stack(columns, axis=-1), posinf=0.0, neginf=0.0)
+        return np.asarray(np.nan_to_num(np.stack(columns, axis=-1), posinf=0.0, neginf=0.0))
 
     def _corrected(self, ends: ndarray) -> Float[ndarray, "S n"]:
         """Return the next starts: s_{i+1} = e_i + Phi_i (s_i_new - s_i_old)."""

@@ -39,13 +39,13 @@ class VectorField:
 
     def forcing(self, u: Float[ndarray, " m"]) -> Float[ndarray, " n"]:
         """Return B (u - u_ref) + b."""
-        return self.B @ (u - self.u_ref) + self.b
+        return np.asarray(self.B @ (u - self.u_ref) + self.b)
 
     def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
         """Return the derivatives of x' by x at one state, in 1/s."""
         A0, rows, columns, functions = (getattr(self.channels, name) for name in ("A0", "rows", "columns", "functions"))
         slopes = layer(functions).apply("derivative", rows @ (x - self.x_ref)) if functions else np.zeros(0)
-        return A0 + (columns * slopes) @ rows
+        return np.asarray(A0 + (columns * slopes) @ rows)
 
     def drift(self) -> Callable[[ndarray], ndarray]:
         """Return x' without its forcing as a function of states (…, n), its fixed parts prepared for many evaluations.
@@ -64,7 +64,7 @@ class VectorField:
 
         def dot(x: ndarray) -> ndarray:
             dx = x - x_ref
-            result = dx @ A0
+            result: ndarray = dx @ A0
             if pieces:
                 y = dx @ rows + shifts
                 for f, a, b in pieces:

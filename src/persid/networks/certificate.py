@@ -1,7 +1,6 @@
 """Certificates and obstructions of networks, claim L1: the file, its companion of large arrays, and what they say."""
 
 import hashlib
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy import ndarray
 
 import persid_check
 from persid._dyadics import dyadic, dyadics, exact, rounded, value
-from persid._files import write_atomically
+from persid._files import Json, json_object, write_atomically
 from persid.certificates import bounds
 from persid.certificates.acceptance import accepted
 from persid.certificates.encoding import encode, heading
@@ -68,9 +67,9 @@ class NetworkCertificate:
         _save(self.content, self.data, self.arrays, path)
 
     @cached_property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """The certificate as an object."""
-        return json.loads(self.data)
+        return json_object(self.data)
 
     @property
     def model(self) -> PersidskiiModel:
@@ -85,7 +84,7 @@ class NetworkCertificate:
     @property
     def every_input(self) -> bool:
         """Whether the claim holds about the one equilibrium of every constant input, not about x_ref alone."""
-        return self.content["operating_point"] == "every"
+        return bool(self.content["operating_point"] == "every")
 
     @cached_property
     def operating_point(self) -> Float[ndarray, " n"]:
@@ -125,7 +124,7 @@ class NetworkCertificate:
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
         """Return the Lyapunov function at states x (N, n): sum w_k |x_k - x*_k|."""
-        return np.abs(np.asarray(x, float) - self.operating_point) @ self.w
+        return np.asarray(np.abs(np.asarray(x, float) - self.operating_point) @ self.w)
 
     def overshoot(self, x0: Any) -> float:
         """Return V(x0) / min w: without input |x(t) - x*| never exceeds it, apart from rounding."""
@@ -145,7 +144,7 @@ class NetworkCertificate:
             raise ModelError(f"sup|u - u*| = {u_sup} and the times t must be finite and at least 0")
         offset = 0.0 if self.every_input else float(np.abs(self.model.b) @ self.w) / self.rate / self._least
         decayed = self.overshoot(x0) * np.exp(-self.rate * t)
-        return (decayed + self.gain * u_sup + offset) * (1 + self.model.n * 2.0**-50)
+        return np.asarray((decayed + self.gain * u_sup + offset) * (1 + self.model.n * 2.0**-50))
 
     @cached_property
     def _kappa(self) -> Fraction:
@@ -178,9 +177,9 @@ class NetworkObstruction:
         _save(self.content, self.data, self.arrays, path)
 
     @cached_property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """The file as an object."""
-        return json.loads(self.data)
+        return json_object(self.data)
 
 
 def table(model: PersidskiiModel) -> Table | None:
@@ -234,7 +233,7 @@ def load(data: bytes, folder: Path) -> NetworkCertificate:
     Raises:
         RejectedError: the checker does not accept it.
     """
-    content = json.loads(data)
+    content = json_object(data)
     arrays = companion(data, folder)
     answer = accepted(data, ("L1",), arrays)
     model = PersidskiiModel.from_canonical(content["model"], arrays)
@@ -243,7 +242,7 @@ def load(data: bytes, folder: Path) -> NetworkCertificate:
 
 def companion(data: bytes, folder: Path) -> bytes | None:
     """Return the bytes of the companion that a file names; what is no plain file name is left to the checker."""
-    entry = json.loads(data).get("companion")
+    entry = json_object(data).get("companion")
     name = entry.get("npz") if isinstance(entry, dict) else None
     if not (isinstance(name, str) and persid_check.companion.NAME.fullmatch(name)):
         return None
@@ -278,13 +277,13 @@ def certify_network(
     return obstruction
 
 
-def _kind(net: Network, t: int) -> dict[str, Any]:
+def _kind(net: Network, t: int) -> Json:
     functions = [[text, dyadic(float(alpha))] for text, alpha in net.table.kinds[t]]
     return {"functions": functions, "forms": [dyadics(form) for form in net.cones[t].forms]}
 
 
 def _file(
-    model: PersidskiiModel, claim: str, statement: str, parts: dict[str, Any], vectors: dict[str, tuple[str, ndarray]]
+    model: PersidskiiModel, claim: str, statement: str, parts: Json, vectors: dict[str, tuple[str, ndarray]]
 ) -> tuple[bytes, bytes | None]:
     """Return the bytes of a file and of its companion; the vectors are listed in the file of a small model."""
     content = {**heading(model, claim, statement), **parts}
@@ -300,7 +299,7 @@ def _listed(values: ndarray) -> list[Any]:
     return values.tolist() if values.dtype.kind == "i" else dyadics(values)
 
 
-def _save(content: dict[str, Any], data: bytes, arrays: bytes | None, path: str | Path) -> None:
+def _save(content: Json, data: bytes, arrays: bytes | None, path: str | Path) -> None:
     if arrays is not None:
         write_atomically(Path(path).with_name(content["companion"]["npz"]), arrays)
     write_atomically(path, data)

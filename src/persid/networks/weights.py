@@ -152,7 +152,7 @@ def _spread(values: ndarray, kind: ndarray, node: ndarray | None = None) -> ndar
     """Return a number of each kind for each node, or for the node of each entry."""
     if len(values) == 1:
         return float(values[0])
-    return values[kind] if node is None else values[kind[node]]
+    return np.asarray(values[kind if node is None else kind[node]])
 
 
 def find_weights(net: Network) -> Weights | Perron | None:

@@ -64,7 +64,7 @@ def _levels(V: ndarray) -> ndarray:
     """Levels whose sets grow by equal steps: five within the largest set that the box holds, and more until V's top."""
     inside, top = np.sqrt(np.maximum([min(V[0].min(), V[-1].min(), V[:, 0].min(), V[:, -1].min()), V.max()], 1e-300))
     step = max(inside / 5, top / MOST_LEVELS)
-    return (step * np.arange(1, int(top / step) + 1)) ** 2
+    return np.asarray((step * np.arange(1, int(top / step) + 1)) ** 2)
 
 
 def largest_input(certificate: Proof, run: Trajectory) -> float:
@@ -108,7 +108,7 @@ def bound(
 
 
 def _distance(certificate: Proof, run: Trajectory) -> ndarray:
-    return np.linalg.norm(run.x - certificate.operating_point, axis=1)
+    return np.asarray(np.linalg.norm(run.x - certificate.operating_point, axis=1))
 
 
 def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:

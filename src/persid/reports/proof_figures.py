@@ -189,7 +189,7 @@ def _on_level(certificate: Certificate, start: ndarray, direction: ndarray) -> n
         V = certificate.V(point + sizes[:, None] * (scale * direction))
     outside = np.flatnonzero(~(level * (1 - 1e-9) >= V))  # V may overflow far out
     last = int(outside[0]) - 1 if len(outside) else len(sizes) - 1
-    return point + (sizes[last] if last >= 0 else 0.0) * scale * direction
+    return np.asarray(point + (sizes[last] if last >= 0 else 0.0) * scale * direction)
 
 
 def _sectors(certificate: Certificate) -> list[Drawing]:

@@ -44,6 +44,6 @@ def run_study(
         raise KeyError(f"{name!r} is no study; choose one of {', '.join(STUDIES)}")
     module = import_module(f"persid.studies.{name}")
     parts = Parts.below(Path(folder), module, progress or (lambda line: None))
-    study = module.run(parts, quick, seeds)
+    study: Study = module.run(parts, quick, seeds)
     write_study(study, parts.folder)
     return study

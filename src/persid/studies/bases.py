@@ -74,7 +74,7 @@ def heat(reading: str, step: str, size: int) -> ps.Trajectories:
         z = x if reading == "state" else y
         f = np.sin(OMEGA * s) * np.sin(z) + 0.5 * np.cos(2 * OMEGA * s) * np.cos(2 * z)
         d = 0.1 * np.where(left, np.sin(s) * np.cos(2 * s), np.cos(s) * np.sin(2 * s))
-        return np.diff(padded, 2) / dx**2 + middle * signal(s) + f + d
+        return np.asarray(np.diff(padded, 2) / dx**2 + middle * signal(s) + f + d)
 
     found = solve_ivp(rate, (0, END), np.sin(y) - 0.7, "LSODA", t_eval=t, rtol=1e-8, atol=1e-10, lband=1, uband=1)
     return ps.Trajectories.from_arrays(found.y.T, signal(t), t=t)

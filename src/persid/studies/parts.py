@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from persid._files import write_atomically
+from persid._files import Json, json_object, write_atomically
 from persid.models.model import PersidskiiModel
 from persid.reports.record import versions
 from persid.verdicts.summary import summarize
@@ -55,7 +55,7 @@ class Parts:
         """Return what reports the lines of progress of one part."""
         return lambda line: self.say(f"{name}: {line}")
 
-    def part(self, name: str, parameters: Mapping[str, Any], compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    def part(self, name: str, parameters: Mapping[str, Any], compute: Callable[[], Json]) -> Json:
         """Return what `compute` returns, from the file of an earlier run where nothing has changed since.
 
         A result may list `files` below the folder; one that is missing makes the part be computed again.
@@ -69,14 +69,15 @@ class Parts:
             found = {"key": key, "seconds": time.perf_counter() - started, "result": result}
             write_atomically(path, json.dumps(found, allow_nan=False) + "\n")
         self.seconds[name] = found["seconds"]
-        return found["result"]
+        kept: Json = found["result"]
+        return kept
 
     @property
     def total(self) -> float:
         """Seconds that the parts asked for so far took, in the run that computed them."""
         return sum(self.seconds.values())
 
-    def verdict(self, name: str, model: PersidskiiModel, verdict: Verdict) -> dict[str, Any]:
+    def verdict(self, name: str, model: PersidskiiModel, verdict: Verdict) -> Json:
         """Write a model with the checked proof of its verdict; return the verdict in brief with the names of the files.
 
         Raises:
@@ -119,12 +120,12 @@ def _file_name(name: str) -> str:
     return "".join(c if c.isalnum() or c in ".-" else "_" for c in name).strip("_")
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def _read(path: Path) -> Json | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json_object(path.read_bytes())
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) and set(found) == {"key", "seconds", "result"} else None
+    return found if set(found) == {"key", "seconds", "result"} else None
 
 
 def _refuse(value: Any) -> NoReturn:

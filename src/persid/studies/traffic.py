@@ -105,7 +105,7 @@ def _ridge(strength: float) -> str:
 
 def true_rate(t: float, x: ndarray, d: ndarray) -> ndarray:
     """Return x' of the traffic system. Paper: eq:traffic_model."""
-    return A @ x + B * np.sin(t) + np.array([np.sin(x[0]), np.cos(x[1])]) + d
+    return np.asarray(A @ x + B * np.sin(t) + np.array([np.sin(x[0]), np.cos(x[1])]) + d)
 
 
 def true_model() -> ps.PersidskiiModel:
@@ -249,7 +249,7 @@ def _words(verdict: dict[str, Any]) -> str:
 
 
 def _kind(verdict: dict[str, Any]) -> str:
-    return verdict["verdict"] + (" regionally" if verdict["scope"] == "regional" else "")
+    return str(verdict["verdict"] + (" regionally" if verdict["scope"] == "regional" else ""))
 
 
 def _figures(

@@ -118,7 +118,7 @@ def _integrate(y: ndarray, t: ndarray, start: ndarray, u: Any) -> ps.Trajectorie
     def rate(x: ndarray, s: float) -> ndarray:
         ghost = np.hstack([x[:, 1:2], x, x[:, -2:-1]])  # x_y = 0 at both ends
         f = 0.5 * np.sin(x) + 0.3 * np.cos(2 * x) + 0.05 * x**2 + 0.1 * np.sin(3 * s)
-        return np.diff(ghost, 2) / dx**2 + u(s)[:, None] * middle + f
+        return np.asarray(np.diff(ghost, 2) / dx**2 + u(s)[:, None] * middle + f)
 
     x, states, h = start, [start], DT / SUBSTEPS
     for s in t[:-1]:

@@ -57,7 +57,7 @@ def simulated(
     dot, force = model.field.drift(), model.field.forcing(u)
 
     def rate(_: float, x: ndarray) -> ndarray:
-        return np.nan_to_num(dot(x) + force, nan=HUGE)
+        return np.asarray(np.nan_to_num(dot(x) + force, nan=HUGE))
 
     far = FAR * (1 + float(np.abs(box).max()))
     runs = [_run(rate, x0, span, far) for x0 in starts]

@@ -25,17 +25,17 @@ class Latent:
     @property
     def n(self) -> int:
         """Number of states."""
-        return self.W.shape[1]
+        return int(self.W.shape[1])
 
     @property
     def q(self) -> int:
         """Number of neurons."""
-        return self.V.shape[1]
+        return int(self.V.shape[1])
 
     @property
     def m(self) -> int:
         """Number of inputs."""
-        return self.W.shape[2] - self.n - self.q
+        return int(self.W.shape[2] - self.n - self.q)
 
     @property
     def A(self) -> Float[ndarray, "K n n"]:
@@ -85,7 +85,7 @@ class Latent:
 def activated(name: str, s: ndarray) -> ndarray:
     """Return f(s) of an activation by name."""
     if name == "softsign":
-        return s / (1 + np.abs(s))
+        return np.asarray(s / (1 + np.abs(s)))
     found: ndarray = getattr(np, name)(s)
     return found
 
@@ -93,5 +93,5 @@ def activated(name: str, s: ndarray) -> ndarray:
 def slope_of(name: str, s: ndarray, f: ndarray) -> ndarray:
     """Return f'(s), given f = f(s)."""
     if name == "tanh":
-        return 1 - f * f
-    return (1 + np.abs(s)) ** -2.0 if name == "softsign" else 1 / (1 + s * s)
+        return np.asarray(1 - f * f)
+    return np.asarray((1 + np.abs(s)) ** -2.0 if name == "softsign" else 1 / (1 + s * s))

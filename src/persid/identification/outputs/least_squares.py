@@ -121,7 +121,7 @@ class Fit:
     @property
     def start(self) -> Float[ndarray, "K n S"]:
         """The states at the pieces' starts."""
-        return self.states[0]
+        return np.asarray(self.states[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ class Task:
     @np.errstate(over="ignore")  # a step too far costs infinitely much
     def penalty(self, latent: Latent, ridge: ndarray) -> Float[ndarray, " K"]:
         """Return what the ridge adds to the cost."""
-        return 0.5 * (ridge * theta_of(latent) ** 2).sum(1)
+        return np.asarray(0.5 * (ridge * theta_of(latent) ** 2).sum(1))
 
 
 def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
@@ -237,7 +237,7 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray
     shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
     start = fit.start[active] + np.swapaxes(shift, 1, 2)
     cost, error, held, run, _ = evaluated(task, batch, task.ridge[active], start, fit.flow[active])
-    better = cost < fit.cost[active]
+    better: ndarray = cost < fit.cost[active]
     taken, refused = active[better], active[~better]
     gain = 1 - cost[better] / fit.cost[taken]
     fit.batch.w[taken], fit.batch.x0[taken] = batch.w[better], batch.x0[better]
@@ -289,4 +289,4 @@ def _steps(
 
 
 def _scale(diagonal: Float[ndarray, "K p"]) -> Float[ndarray, "K p"]:
-    return 1 / np.sqrt(np.maximum(diagonal, 1e-8 * diagonal.max(1, keepdims=True) + 1e-300))
+    return np.asarray(1 / np.sqrt(np.maximum(diagonal, 1e-8 * diagonal.max(1, keepdims=True) + 1e-300)))

@@ -194,7 +194,7 @@ def _t(matrix: ndarray) -> ndarray:
 
 
 def _twice_symmetric(matrix: ndarray) -> ndarray:
-    return matrix + _t(matrix)
+    return np.asarray(matrix + _t(matrix))
 
 
 def _diagonal(entries: ndarray) -> ndarray:

@@ -76,7 +76,7 @@ class Pieces:
     @property
     def values(self) -> float:
         """Number of measured values that are fitted."""
-        return float(self.weight.sum()) * self.y.shape[1]
+        return float(float(self.weight.sum()) * self.y.shape[1])
 
     def fitted_to_all(self) -> "Pieces":
         """Return the same pieces with nothing held out."""

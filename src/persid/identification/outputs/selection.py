@@ -79,7 +79,7 @@ class Group:
     @property
     def order(self) -> int:
         """Number of states."""
-        return self.fit.batch.x0.shape[2]
+        return int(self.fit.batch.x0.shape[2])
 
     def candidates(self) -> list[tuple[Candidate, "Group", int]]:
         """Return the candidates with their places."""
@@ -225,7 +225,7 @@ def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K
     W, V, O = (np.zeros_like(part[:1]) for part in (latent.W, latent.V, latent.O))  # noqa: E741
     W[:, :, latent.n : latent.n + latent.q] = 1.0
     V[:, :, :-1] = 1.0
-    return weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)])
+    return np.asarray(weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)]))
 
 
 def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
@@ -233,7 +233,7 @@ def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
     latent, n, S = linear.latent, linear.latent.n, len(pieces.record)
     flow = np.zeros((1, S, n, n))
     run = sensitivities.simulated(latent, pieces, linear.start, flow, 2, 1)
-    return np.moveaxis(run.states[:-1:2, 0], 1, 2)[(pieces.weight + pieces.held) > 0]
+    return np.asarray(np.moveaxis(run.states[:-1:2, 0], 1, 2)[(pieces.weight + pieces.held) > 0])
 
 
 def raced(groups: list[Group], tell: Callable[[float], None]) -> None:

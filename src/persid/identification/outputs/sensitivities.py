@@ -32,7 +32,7 @@ class Run:
     @property
     def start(self) -> Float[ndarray, "K n S"]:
         """The states at the pieces' starts."""
-        return self.states[0]
+        return np.asarray(self.states[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def swept(latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], subste
     def rate(x: ndarray, drive: ndarray) -> ndarray:
         both[:, :n] = x
         both[:, n:] = activated(latent.activation, R @ x + beta)
-        return G @ both + drive
+        return np.asarray(G @ both + drive)
 
     for k in range(len(states) - 1):
         sample, part = divmod(k, substeps)

@@ -134,7 +134,7 @@ def _predictor(records: Sequence[Record], n: int, f: int) -> tuple[ndarray, ndar
 
 
 def _lifted(gram: Float[ndarray, "p p"]) -> Float[ndarray, "p p"]:
-    return gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))
+    return np.asarray(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)))
 
 
 def _continuous(A: Float[ndarray, "n n"], stride: int, length: int) -> list[Float[ndarray, "n n"]]:
@@ -191,4 +191,4 @@ def _responses(
     if not u.shape[1]:
         return np.zeros((len(u), len(C), 0))
     filtered = [lfilter([0.0, gain], [1.0, -z], u, axis=0) for z, gain in zip(pole, (pole - 1) / w, strict=True)]
-    return np.einsum("lr,ri,rkj->klij", C @ V, back, np.array(filtered)).real.reshape(len(u), len(C), -1)
+    return np.asarray(np.einsum("lr,ri,rkj->klij", C @ V, back, np.array(filtered)).real.reshape(len(u), len(C), -1))

@@ -7,9 +7,10 @@ import math
 from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any, no_type_check
+from typing import Any, Protocol, TypeVar, cast, no_type_check, runtime_checkable
 
 import numpy as np
+from numpy import ndarray
 from scipy import sparse
 
 from persid._libraries import library
@@ -17,7 +18,16 @@ from persid.models.exports.algebra import Algebra
 from persid.models.vector_field import VectorField
 
 Scalar = Callable[[float], float]
-Compile = Callable[..., Any]  # numba.njit
+OnArray = Callable[[ndarray], None]  # changes the array it is given
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+@runtime_checkable
+class Compile(Protocol):
+    """numba.njit."""
+
+    def __call__(self, function: Function, /) -> Function: ...
+
 
 _WORDS: dict[str, Scalar] = {
     name: getattr(np, name)
@@ -52,7 +62,7 @@ _ARITHMETIC: dict[str, Callable[[float, float], float]] = {
 }
 
 
-def compiled(field: VectorField) -> Callable[..., Any]:
+def compiled(field: VectorField) -> Callable[..., ndarray]:
     """Return rhs(t, x, u=None), compiled at its first call; see `PersidskiiModel.to_callable`."""
     njit = library("numba", "interop").njit(error_model="numpy")  # 1/0 is inf, as in NumPy
     apply = _on_channels(field, njit)
@@ -62,7 +72,6 @@ def compiled(field: VectorField) -> Callable[..., Any]:
     A0, columns, B = (np.ascontiguousarray(M) for M in (channels.A0, channels.columns, field.B))
     x_ref, u_ref, b, count = field.x_ref, field.u_ref, field.b, len(channels.functions)
 
-    @njit
     @no_type_check  # Numba infers the types
     def rhs(t, x, u=None):
         dx = x - x_ref
@@ -76,30 +85,29 @@ def compiled(field: VectorField) -> Callable[..., Any]:
             dot += B @ (u - u_ref)
         return dot
 
-    return rhs
+    return cast("Callable[..., ndarray]", njit(rhs))
 
 
-def _on_channels(field: VectorField, njit: Compile) -> Callable[[Any], None]:
+def _on_channels(field: VectorField, njit: Compile) -> OnArray:
     """Return the compiled function that replaces the arguments y of the channels by f(y), one loop a run of equal f."""
     algebra = _algebra(njit)
     functions = field.channels.functions
     borders = [c for c in range(len(functions)) if c == 0 or functions[c] != functions[c - 1]]
     scalars = {f: algebra.value(f.program, njit(lambda y: y)) for f in set(functions)}
-    apply = njit(lambda y: None)
+    apply: OnArray = njit(lambda y: None)
     for a, b in pairwise([*borders, len(functions)]):
         apply = _and_then(njit, apply, scalars[functions[a]], a, b)
     return apply
 
 
-def _and_then(njit: Compile, before: Callable[[Any], None], f: Scalar, start: int, stop: int) -> Callable[[Any], None]:
-    @njit
+def _and_then(njit: Compile, before: OnArray, f: Scalar, start: int, stop: int) -> OnArray:
     @no_type_check
     def apply(y):
         before(y)
         for c in range(start, stop):
             y[c] = f(y[c])
 
-    return apply
+    return cast("OnArray", njit(apply))
 
 
 def _algebra(njit: Compile) -> Algebra:

@@ -95,7 +95,7 @@ def prepared(field: VectorField) -> Callable[..., ndarray]:
 
     def rhs(t: float | int, x: Any, u: Any = None) -> ndarray:
         rate = dot(np.asarray(x, float)) + b
-        return rate if u is None else rate + B @ (np.asarray(u, float) - u_ref)
+        return np.asarray(rate if u is None else rate + B @ (np.asarray(u, float) - u_ref))
 
     return rhs
 
