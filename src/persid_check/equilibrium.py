@@ -29,9 +29,9 @@ Vector = Sequence[Fraction]
 def prove_equilibrium(data: Mapping[str, Any], x: Vector, u: Vector) -> Fraction | None:
     """Return a radius r such that exactly one equilibrium for the constant input u lies in |x* - x|_inf <= r, or None.
 
-    The radius 0 means that x itself is an equilibrium, exactly.
+    The radius 0 means that x itself is an equilibrium, exactly. In discrete time equilibria are fixed points.
     """
-    model = read_model(data)
+    model = read_model(data, discrete=True).resting
     with ctx.workprec(PRECISION):
         size = 1 + max((abs(Fraction(value)) for value in x), default=Fraction(0))
         scale = Fraction(2) ** int(size).bit_length()

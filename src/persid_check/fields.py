@@ -8,6 +8,7 @@ from persid_check.results import FormatError
 
 FORMAT = "persid-model-1"
 FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
+CLOCK = ("time", "dt")  # of a model in discrete time
 REQUIRED = {"format", "states", "terms", "B"}
 _ZERO = (0.0).hex()
 
@@ -29,6 +30,21 @@ def read_names(where: str, names: Any) -> list[str]:
     if len(set(names)) != len(names) or any(not name or len(name) > 200 or not name.isprintable() for name in names):
         raise FormatError(where, "names are different, printable, and have 1 to 200 characters")
     return list(names)
+
+
+def read_clock(data: Mapping[str, Any]) -> dict[str, str]:
+    """Return `time` and `dt` (s) of a model in discrete time in canonical form, nothing for one in continuous time."""
+    time, dt = data.get("time", "continuous"), data.get("dt")
+    if time not in ("continuous", "discrete"):
+        raise FormatError("model.time", '"continuous" or "discrete" is needed')
+    if time == "continuous":
+        if dt is not None:
+            raise FormatError("model.dt", "a model in continuous time has no step")
+        return {}
+    step = _hex("model.dt", dt)
+    if float.fromhex(step) <= 0:
+        raise FormatError("model.dt", "a step in s is positive")
+    return {"time": "discrete", "dt": step}
 
 
 def read_vector(where: str, values: Any, size: int) -> list[str]:

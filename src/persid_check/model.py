@@ -1,16 +1,29 @@
-"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: its form, hash, groups."""
+"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: its form, hash, groups.
+
+In discrete time the same right side is x+ - x_ref, x+ the state one step of `dt` later.
+"""
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from persid_check import sparse
 from persid_check.expression import ExpressionError, Program, is_linear, parse
-from persid_check.fields import FIELDS, FORMAT, REQUIRED, read_matrix, read_names, read_vector, refuse_fields
+from persid_check.fields import (
+    CLOCK,
+    FIELDS,
+    FORMAT,
+    REQUIRED,
+    read_clock,
+    read_matrix,
+    read_names,
+    read_vector,
+    refuse_fields,
+)
 from persid_check.results import FormatError
 
 MAX_STATES = 1000
@@ -39,7 +52,10 @@ class Group:
 
 @dataclass(frozen=True)
 class Model:
-    """A model with its linear terms merged into A0, exactly; every number stands for itself, no rounding."""
+    """A model with its linear terms merged into A0, exactly; every number stands for itself, no rounding.
+
+    `dt` is the length of a step in s in discrete time, None in continuous time.
+    """
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -49,6 +65,20 @@ class Model:
     channels: tuple[Channel, ...]
     B: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
+    dt: Fraction | None = None
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether time goes in steps."""
+        return self.dt is not None
+
+    @property
+    def resting(self) -> "Model":
+        """The model whose right side is zero where this one rests: x+ - x in discrete time, else itself."""
+        if not self.is_discrete:
+            return self
+        A0 = tuple(tuple(a - (i == j) for j, a in enumerate(row)) for i, row in enumerate(self.A0))
+        return replace(self, A0=A0, dt=None)
 
     @property
     def n(self) -> int:
@@ -77,7 +107,7 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
         if model.n > sparse.FILLED_STATES:
             return model.form()
         data = sparse.filled(model)
-    refuse_fields("model", data, (*FIELDS, "provenance"), REQUIRED)
+    refuse_fields("model", data, (*FIELDS, *CLOCK, "provenance"), REQUIRED)
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
     states = read_names("model.states", data["states"])
@@ -96,7 +126,7 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
         "B": read_matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
         "b": read_vector("model.b", data.get("b"), n),
         "domain": None if data.get("domain") is None else read_matrix("model.domain", data["domain"], n, 2),
-    }
+    } | read_clock(data)
 
 
 def model_sha256(data: Mapping[str, Any], folder: Path | None = None) -> str:
@@ -116,13 +146,20 @@ def sha256_of(form: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def read_model(data: Mapping[str, Any]) -> Model:
-    """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly."""
-    return model_of(canonical_model(data))
+def read_model(data: Mapping[str, Any], *, discrete: bool = False) -> Model:
+    """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly; see `model_of`."""
+    return model_of(canonical_model(data), discrete=discrete)
 
 
-def model_of(form: Mapping[str, Any]) -> Model:
-    """Return the model of a canonical form."""
+def model_of(form: Mapping[str, Any], *, discrete: bool = False) -> Model:
+    """Return the model of a canonical form; one in discrete time only to callers that say they know what to do with it.
+
+    Raises:
+        FormatError: it is in discrete time, and the caller knows continuous time alone.
+    """
+    dt = Fraction(float.fromhex(form["dt"])) if form.get("time") == "discrete" else None
+    if dt is not None and not discrete:
+        raise FormatError("model.time", "nothing of this kind is proved of a model in discrete time")
     n = len(form["states"])
     A0 = [[Fraction(value) for value in row] for row in _floats(form["A0"])]
     channels: list[Channel] = []
@@ -139,7 +176,7 @@ def model_of(form: Mapping[str, Any]) -> Model:
     x_ref, u_ref = (tuple(Fraction(float.fromhex(v)) for v in form[name]) for name in ("x_ref", "u_ref"))
     b = tuple(float.fromhex(v) for v in form["b"])
     rows = tuple(tuple(row) for row in A0)
-    return Model(tuple(form["states"]), tuple(form["inputs"]), x_ref, u_ref, rows, tuple(channels), B, b)
+    return Model(tuple(form["states"]), tuple(form["inputs"]), x_ref, u_ref, rows, tuple(channels), B, b, dt)
 
 
 def groups(data: Mapping[str, Any]) -> tuple[Group, ...]:

@@ -427,3 +427,42 @@ FALSEHOODS.append(
     Falsehood("proof_singular", R, "T is singular", lambda: changed("g_linear", ((("proof", "P", 0, 0), 0),)))
 )
 FALSEHOODS.append(Falsehood("hash_stale", R, "another hash", lambda: changed(V, ((("model_sha256",), "0" * 64),))))
+
+# --- discrete time
+S = "steps_network"
+_set("steps_kappa_one", S, R, "nothing is left after a step", (("kappa",), [1, 0]))
+_set("steps_kappa_large", S, R, "faster than the model", (("kappa",), [1, -1]))
+_set("steps_kappa_zero", S, R, "kappa is positive", (("kappa",), [0, 0]))
+_set("steps_gamma_small", S, R, "the gain is below the truth", (("gamma",), [1, -20]))
+_set("steps_p_large", S, R, "P > p I fails", (("p",), [4, 0]))
+_set("steps_density", S, R, "V has no integrals", (("points", 0, "densities"), [[0, [1, -4]]]),
+     (("curves", 0, "forms", 0, "upper"), [[1, 0], [0, 0], None]))  # fmt: skip
+_set("steps_density_of_iss", "steps_iss", R, "V has no integrals", (("points", 0, "densities"), [[0, [1, -20]]]))
+_set("steps_dropped", "steps_iss", R, "nothing is dropped", (("dropped",), [3]))
+_set("steps_spanning", "steps_iss", R, "nothing is dropped", (("spanning",), [[0, 0]]))
+_set("steps_unstable", S, R, "an eigenvalue beyond 1", (("model", "A0", 0, 0), (1.25).hex()))
+_set("steps_alternating", S, R, "an eigenvalue below -1", (("model", "A0", 0, 0), (-1.25).hex()))
+_set("steps_integrator", S, R, "x1 stays where it is", (("model", "A0", 0), [v.hex() for v in (1.0, 0.0, 0.0)]),
+     (("model", "terms", 0, "A", 0), [(0.0).hex()] * 3))  # fmt: skip
+_set("steps_input", S, R, "a thousand times the input", (("model", "B", 0, 0), (100000.0).hex()))
+_set("steps_as_rates", S, R, "x' = A0 x with a positive A0 grows", (("model",), lambda model: {
+    name: value for name, value in model.items() if name not in ("time", "dt")}))  # fmt: skip
+_set("rates_as_steps", "incremental", R, "x+ = -x + ... turns round and does not fall", (("model",), lambda model: (
+    model | {"time": "discrete", "dt": (0.5).hex()})))  # fmt: skip
+_set("steps_rest_of_rates", "steps_ball", R, "a zero of F is no fixed point",
+     (("operating_point", "x", 0), number(-1.4)))  # fmt: skip
+_set("steps_ball_exact", "steps_ball", R, "it does not rest there exactly", (("operating_point", "radius"), [0, 0]))
+_set("steps_level", "steps_region", R, "the ellipsoid leaves the strip", (("level",), [1, 3]))
+_set("steps_input_bound", "steps_region", R, "a step may leave the region", (("input_bound",), [1, 3]))
+_set("steps_strip", "steps_region", R, "a strip that the ellipsoid leaves", (("strips", 0, 1), [-1, -4]))
+_set("steps_offset", "steps_practical", R, "the constant does not cover it",
+     (("curves", 0, "products", 0, 2), [1, -6]))  # fmt: skip
+_set("steps_deviation", "steps_plant", R, "deviations as large as the state",
+     (("deviations", 0, "C"), lambda rows: [[[i, [1, 0]]] for i in range(len(rows))]))  # fmt: skip
+_set("steps_output", "steps_outputs", R, "a bound below the truth", (("outputs", 0, "bound"), [1, -8]))
+for _name, _dt in (("zero", (0.0).hex()), ("negative", (-0.5).hex()), ("null", None), ("number", 0.125)):
+    _set(f"steps_dt_{_name}", S, M, "a step is positive", (("model", "dt"), _dt))
+_set("steps_dt_alone", V, M, "continuous time has no step", (("model", "dt"), (0.5).hex()))
+_set("steps_time_alone", S, M, "a step is needed", (("model", "dt"), GONE))
+_set("steps_time_unknown", S, M, "no such time", (("model", "time"), "sampled"))
+_set("steps_time_continuous", V, M, "not in canonical form", (("model", "time"), "continuous"))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from checker import named
+from checker import known_steps, named
 from checker.ledgers import Sketch, curve, draft, model_object, number, point, solved
 from persid.certificates.ledger import as_ledger, floats, with_proof
 from persid_check.ledger.assembly import assemble
@@ -153,8 +153,11 @@ def below() -> Certificate:
 
 OWN: dict[str, Callable[[], Certificate]] = {
     made.__name__: made
-    for made in (spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below)
-}
+    for made in (
+        spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below,
+        *known_steps.MAKERS,
+    )
+}  # fmt: skip
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))
 
 

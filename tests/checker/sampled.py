@@ -1,7 +1,7 @@
 # ruff: noqa: E741 (l is the letter of the mathematics)
 """What an accepted ledger asserts, looked at in floating point along the model itself: V, V' and the bounds, sampled.
 
-Written from sections 1, 2, 4, 5 and 7 of docs/ledger.md; no matrix is assembled here. An empty list means that no
+Written from sections 1, 2, 4, 5, 7 and 10 of docs/ledger.md; no matrix is assembled here. An empty list means that no
 fault was found.
 """
 
@@ -35,6 +35,7 @@ class Sampled:
         self.x = self.model.x_ref if point is None else np.array([number(v) for v in point["x"]])
         self.u = self.model.u_ref if point is None else np.array([number(v) for v in point["u"]])
         self.null = point is None
+        self.discrete = content["model"].get("time") == "discrete"
         stored = content["P"]
         if "diagonal" in stored:
             self.P = np.diag([number(v) for v in stored["diagonal"]])
@@ -91,7 +92,7 @@ class Sampled:
         return total
 
     def rise(self, x: Array, v: Array) -> Array:
-        """x' without deviations: x relative to x*, v the input less u*."""
+        """x', or x+ in discrete time, without deviations: x relative to x*, v the input less u*."""
         m, at = self.model, self.x + x - self.model.x_ref
         channels = np.array([f.value(np.array([row @ at]))[0] for f, row in zip(m.f, m.R, strict=True)])
         rest = np.zeros(m.n)
@@ -147,8 +148,12 @@ def faults(content: dict[str, Any], seed: int = 0, samples: int = SAMPLES) -> li
             V, gradient, drift = look.V(x), look.gradient(x), look.rise(x, v)
             if not np.isfinite([V, *gradient, *drift]).all() or np.abs([*gradient, *drift]).max() > 1e12:
                 continue
+            if look.discrete:
+                gradient, drift, base = *_chord(look, x, drift), drift
             sizes, worst = _worst(look, x, full, gradient)
             change = float(gradient @ drift) + worst
+            if look.discrete:  # x+ + L w instead of the derivative along L w
+                change = max(change - worst, _worst_step(look, x, full, base) - V)
             limit = -kappa * V + float(full @ Gamma @ full) + spread + slack
             size = float(np.abs(gradient) @ (np.abs(drift) + sizes)) + abs(limit) + abs(V)
             if change > limit + TOLERANCE * size + 1e-12:
@@ -160,6 +165,22 @@ def faults(content: dict[str, Any], seed: int = 0, samples: int = SAMPLES) -> li
             found += _output_faults(look, x, V)
         found += _region_faults(look, strips, Gamma, kappa, spread, rng)
     return found[:5]
+
+
+def _chord(look: Sampled, x: Array, after: Array) -> tuple[Array, Array]:
+    """A row and a step whose product is V(after) - V(x), V quadratic."""
+    return look.P @ (after + x), after - x
+
+
+def _worst_step(look: Sampled, x: Array, v: Array, after: Array) -> float:
+    """The largest V after a step with deviations, of some directions of each."""
+    rng, ends = np.random.default_rng(0), [after]
+    for deviation, radius in zip(look.content["deviations"], _radii(look, x, v), strict=True):
+        L = _columns(look, deviation)
+        push = L.T @ (look.P @ after)
+        found = [push, *rng.normal(size=(4, L.shape[1]))]
+        ends = [end + L @ (w / max(np.linalg.norm(w), 1e-300)) * radius for end in ends for w in found]
+    return max(look.V(end) for end in ends)
 
 
 def _offsets(look: Sampled, kappa: float) -> tuple[float, float]:
@@ -178,7 +199,16 @@ def _offsets(look: Sampled, kappa: float) -> tuple[float, float]:
 def _worst(look: Sampled, x: Array, v: Array, gradient: Array) -> tuple[Array, float]:
     """The most that deviations add to V', and their sizes."""
     total, sizes = 0.0, np.zeros(look.model.n)
-    m = look.model
+    for deviation, radius in zip(look.content["deviations"], _radii(look, x, v), strict=True):
+        L = _columns(look, deviation)
+        total += float(np.linalg.norm(L.T @ gradient)) * radius
+        sizes = sizes + np.abs(L).sum(axis=1) * radius
+    return sizes, total
+
+
+def _radii(look: Sampled, x: Array, v: Array) -> list[float]:
+    """The sizes that deviations may have at x and v."""
+    m, found = look.model, []
     at = look.x + x - m.x_ref
     channels = np.array([f.value(np.array([row @ at]))[0] for f, row in zip(m.f, m.R, strict=True)])
     if not look.null:
@@ -189,14 +219,16 @@ def _worst(look: Sampled, x: Array, v: Array, gradient: Array) -> tuple[Array, f
         square = number(deviation["epsilon"]) ** 2
         for row in deviation["C"]:
             square += sum(number(value) * zeta[i] for i, value in row) ** 2
-        L = np.zeros((m.n, len(deviation["columns"])))
-        for c, row in enumerate(deviation["columns"]):
-            for i, value in row:
-                L[i, c] = number(value)
-        radius = np.sqrt(max(square, 0.0))
-        total += float(np.linalg.norm(L.T @ gradient)) * radius
-        sizes = sizes + np.abs(L).sum(axis=1) * radius
-    return sizes, total
+        found.append(float(np.sqrt(max(square, 0.0))))
+    return found
+
+
+def _columns(look: Sampled, deviation: dict[str, Any]) -> Array:
+    L = np.zeros((look.model.n, len(deviation["columns"])))
+    for c, row in enumerate(deviation["columns"]):
+        for i, value in row:
+            L[i, c] = number(value)
+    return L
 
 
 def _output_faults(look: Sampled, x: Array, V: float) -> list[str]:

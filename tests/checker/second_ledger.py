@@ -72,10 +72,15 @@ def _check(data: dict[str, Any]) -> None:
     half = [[*P[i], *[_ZERO] * (size - n)] for i in range(n)]  # half the gradient, n rows over zeta
     for i in range(n):
         M[i][:n] = [-kappa * v for v in P[i]]
+    steps = _is_discrete(form)
     for point in points:
+        _require(not steps or not any(_dyadic(mu) for _, mu in point.stored["densities"]), "a density in steps")
         _densities(M, half, point, kappa)
     _facts(M, points, data["facts"])
-    for i in range(n):
+    if steps:
+        _require(kappa < 1 and not data["dropped"], "kappa or dropped in steps")
+        _step(M, P, G)
+    for i in range(0 if steps else n):
         _add(M, half[i], G[i], Fraction(-1))
     _bounds(M, data, own, m)
     dropped = data["dropped"]
@@ -85,6 +90,26 @@ def _check(data: dict[str, Any]) -> None:
     for i in range(n):
         Pt[i][i] -= p
     _dominated(Pt, data["proof"]["P"])
+
+
+def _is_discrete(form: dict[str, Any]) -> bool:
+    """Section 10: both fields, or none."""
+    if "time" not in form and "dt" not in form:
+        return False
+    _require(form["time"] == "discrete" and _exact(form["dt"]) > 0, "time")
+    return True
+
+
+def _step(M: list[Row], P: list[Row], G: list[Row]) -> None:
+    """Add x'P x - zeta'G'P G zeta."""
+    n, size = len(P), len(M)
+    for i in range(n):
+        for j in range(n):
+            M[i][j] += P[i][j]
+            if P[i][j]:
+                for a in range(size):
+                    for b in range(size):
+                        M[a][b] -= P[i][j] * G[i][a] * G[j][b]
 
 
 def _dominated(A: list[Row], T: list[list[int]]) -> None:

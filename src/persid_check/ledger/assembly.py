@@ -37,14 +37,24 @@ def assemble(ledger: Ledger) -> Assembly:
     P, gamma, flow = quadratic(ledger), gamma_matrix(ledger), flow_matrix(ledger)
     size = flow.width
     rows = matrix([[point.row.get(i, _ZERO) for i in range(n)] for point in ledger.points], n)
-    gradient = _gradient(ledger, P, rows)  # (x, s) by x: V' = 2 (x, s)' gradient G zeta
-    rise = gradient * flow
-    rise = blocks([[rise], [matrix([[0] * size for _ in range(size - rise.height)], size)]])
+    rise = _step_rise(P, flow, size) if ledger.model.is_discrete else _rise(_gradient(ledger, P, rows), flow, size)
     products = _lifted(ledger, _over_eta(ledger), rows)
     quadratic_terms = diagonal([ledger.kappa] * n) * P
-    loss = -rise + -rise.T + _padded(-products, size) + _padded(-quadratic_terms, size) + _bounds(ledger, gamma, size)
+    loss = -rise + _padded(-products, size) + _padded(-quadratic_terms, size) + _bounds(ledger, gamma, size)
     Pt = P + rows.T * _times_rows(ledger, _curvatures(ledger), len(ledger.points))
     return Assembly(loss, P, Pt, gamma, *_offsets(ledger))
+
+
+def _rise(gradient: Matrix, flow: Matrix, size: int) -> Matrix:
+    """Return the form V' = 2 (x, s)'gradient G zeta; `gradient` is (x, s) by x."""
+    half = gradient * flow
+    half = blocks([[half], [matrix([[0] * size for _ in range(size - half.height)], size)]])
+    return half + half.T
+
+
+def _step_rise(P: Matrix, flow: Matrix, size: int) -> Matrix:
+    """Return the form V(x+) - V(x) = zeta'G'P G zeta - x'P x of a step."""
+    return flow.T * P * flow + _padded(-P, size)
 
 
 def quadratic(ledger: Ledger) -> Matrix:
@@ -65,7 +75,7 @@ def symmetric(lower: Lower) -> Matrix:
 
 
 def flow_matrix(ledger: Ledger) -> Matrix:
-    """Return G = [A0, all a_c, B, L]: x' = G zeta."""
+    """Return G = [A0, all a_c, B, L]: x' = G zeta, in discrete time x+ = G zeta."""
     model = ledger.model
     columns = [row for deviation in ledger.deviations for row in deviation.columns]
     lines: list[list[Number]] = []

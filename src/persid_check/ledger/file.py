@@ -120,7 +120,7 @@ def _model(form: Any) -> Model:
     _refuse_companions("model", form)
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
-    model = model_of(form)
+    model = model_of(form, discrete=True)
     if model.n + len(model.channels) > MAX_ENTRIES:
         raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
     return model

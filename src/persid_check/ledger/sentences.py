@@ -1,6 +1,7 @@
 """The checker's own sentences on the ledger: what was proved, and the proof in the order of the specification."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.ledger.theorem import Proved, strips
@@ -25,19 +26,27 @@ def statement(ledger: Ledger, proved: Proved) -> str:
     if proved.everywhere:
         parts.append("The same holds, with the same numbers, about every equilibrium of every constant input.")
     if proved.incremental:
-        parts.append(
-            f"For any two solutions x, x~ with inputs u, u~: |x(t) - x~(t)| <= {_start(ledger, 'V(x(0) - x~(0))')}"
-            f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} for all t >= 0, V(d) = d'P d."
-            " For every constant input there is exactly one equilibrium, and every solution tends to it."
-        )
+        parts.append(_incremental(ledger))
     return " ".join(parts)
+
+
+def _incremental(ledger: Ledger) -> str:
+    clock = _clock(ledger)
+    other, start = (name.replace("x", "x~", 1) for name in (clock.now, clock.start))
+    return (
+        f"For any two solutions x, x~ with inputs u, u~: |{clock.now} - {other}| <="
+        f" {_start(ledger, f'V({clock.start} - {start})')}"
+        f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} {clock.always}, V(d) = d'P d."
+        " For every constant input there is exactly one equilibrium, and every solution tends to it."
+    )
 
 
 def _kind(ledger: Ledger) -> str:
     """Stable, or practically so where something stays even without inputs."""
     spread = ledger.claim == "practical" or any(deviation.epsilon for deviation in ledger.deviations)
     scope = "in a region" if ledger.claim == "region" else "globally"
-    return f"{scope} {'practically ' if spread else ''}input-to-state stable"
+    steps = " in discrete time" if ledger.model.is_discrete else ""
+    return f"{scope} {'practically ' if spread else ''}input-to-state stable{steps}"
 
 
 def _numbers(values: Sequence[Fraction]) -> str:
@@ -60,8 +69,33 @@ def _place(ledger: Ledger) -> str:
     return f"{where}, with the constant b counted as one more input that is held at 1" if ledger.counts_b else where
 
 
-def _start(ledger: Ledger, V: str = "V(x(0))") -> str:
-    return f"{root(1 / ledger.p)} sqrt({V}) exp(-{decimal(ledger.kappa / 2, up=False)} t)"
+@dataclass(frozen=True)
+class _Clock:
+    """How a sentence speaks of time: the state now and at the start, "for all ...", what is left of V and of its root,
+    and the left side of the equations.
+    """
+
+    now: str
+    start: str
+    always: str
+    share: str
+    root: str
+    change: str
+
+
+def _clock(ledger: Ledger) -> _Clock:
+    """In discrete time V falls by 1 - kappa in a step, in continuous time by exp(-kappa t)."""
+    kappa, dt = ledger.kappa, ledger.model.dt
+    if dt is None:
+        share, half = (f"exp(-{decimal(k, up=False)} t)" for k in (kappa, kappa / 2))
+        return _Clock("x(t)", "x(0)", "for all t >= 0", share, half, "x'")
+    always = f"for all steps k >= 0 of {_marked(dt)} s"
+    return _Clock("x_k", "x_0", always, f"{decimal(1 - kappa)}^k", f"{root(1 - kappa)}^k", "x_{k+1}")
+
+
+def _start(ledger: Ledger, V: str | None = None) -> str:
+    clock = _clock(ledger)
+    return f"{root(1 / ledger.p)} sqrt({V or f'V({clock.start})'}) {clock.root}"
 
 
 def _gain(ledger: Ledger, unit: Fraction, size: str | None = None) -> str:
@@ -84,10 +118,10 @@ def _spread(ledger: Ledger, unit: Fraction) -> str:
 def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     if ledger.claim == "iss":
         return []
-    unit = ledger.kappa * ledger.p
+    unit, clock = ledger.kappa * ledger.p, _clock(ledger)
     if ledger.claim == "practical":
         return [_finally(ledger, proved)]
-    bound = f"|x(t) - x*| <= {_start(ledger)} + {_gain(ledger, unit)}{_spread(ledger, unit)} for all t >= 0"
+    bound = f"|{clock.now} - x*| <= {_start(ledger)} + {_gain(ledger, unit)}{_spread(ledger, unit)} {clock.always}"
     if ledger.claim == "rate-and-gain":
         return [f"{bound}."]
     found = strips(ledger)
@@ -95,7 +129,7 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
     return [
         f"The set of x with {sides or 'no strip'} and V(x) <= {_marked(ledger.level)} is invariant for inputs"
-        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every x(0) in it {bound}."
+        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {clock.start} in it {bound}."
     ]
 
 
@@ -121,28 +155,29 @@ def _finally(ledger: Ledger, proved: Proved) -> str:
     rest += sum((deviation.s * deviation.epsilon**2 for deviation in ledger.deviations), _ZERO)
     rest += matrices.supply + ledger.kappa * matrices.above
     constant = (max(rest, _ZERO) / ledger.kappa + matrices.below) / ledger.p
-    inputs = _gain(ledger, ledger.kappa * ledger.p)
+    inputs, clock = _gain(ledger, ledger.kappa * ledger.p), _clock(ledger)
     return (
-        f"|x(t) - x_ref|^2 <= {decimal(1 / ledger.p)} max(V(x(0)), 0) exp(-{decimal(ledger.kappa, up=False)} t)"
-        f" + ({inputs})^2 + {decimal(constant)} for all t >= 0."
+        f"|{clock.now} - x_ref|^2 <= {decimal(1 / ledger.p)} max(V({clock.start}), 0) {clock.share}"
+        f" + ({inputs})^2 + {decimal(constant)} {clock.always}."
     )
 
 
 def _plants(ledger: Ledger) -> str:
     known = "|w|^2 <= |C zeta|^2 + epsilon^2 with the C and epsilon of the file"
     return (
-        f"The deviations are x' = F(x, u) + sum L w(t), {len(ledger.deviations)} of them, each {known}."
-        " That a plant obeys these bounds is assumed, not proved."
+        f"The deviations are {_clock(ledger).change} = F(x, u) + sum L w, {len(ledger.deviations)} of them,"
+        f" each {known}. That a plant obeys these bounds is assumed, not proved."
     )
 
 
 def _outputs(ledger: Ledger) -> Iterator[str]:
+    clock = _clock(ledger)
     for output in ledger.outputs[:SHOWN]:
         terms = _combined(output.row, state_names(ledger.model.states))
         direct = "".join(f" + {_marked(d)} (u{i + 1} - u{i + 1}*)" for i, d in enumerate(output.direct) if d)
         size = sum((abs(d) for d in output.direct), _ZERO)
         bound = output.bound
-        start = f"{root(bound)} sqrt(V(x(0))) exp(-{decimal(ledger.kappa / 2, up=False)} t)"
+        start = f"{root(bound)} sqrt(V({clock.start})) {clock.root}"
         inputs = _gain(ledger, ledger.kappa / bound) if bound > 0 else "0"
         spread = _spread(ledger, ledger.kappa / bound) if bound > 0 else ""
         through = f" + {decimal(size)} sup|u - u*|" if size else ""
@@ -172,7 +207,7 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")
     lines.append("6. Pt - p I > 0 in the same way." if ledger.p else "6. Pt > 0 in the same way.")
-    lines.append(f"7. {_CONCLUSIONS[ledger.claim]}")
+    lines.append(f"7. {(_OF_STEPS if model.is_discrete else _CONCLUSIONS)[ledger.claim]}")
     return tuple(lines)
 
 
@@ -187,6 +222,12 @@ _CONCLUSIONS = {
     "rate-and-gain": "So V' <= -kappa V + v'Gamma v + ..., and V >= p |x|^2: integrate.",
     "region": "The level stays off every face (bound of section 6), and its set is invariant for such inputs.",
     "practical": "So V' <= -kappa V + S, and p |x|^2 <= V + o_V: integrate.",
+}
+_OF_STEPS = {
+    "iss": "So V(x+) - V(x) <= -t |x|^2 + v'Gamma v + ...: V is an ISS-Lyapunov function in discrete time.",
+    "rate-and-gain": "So V(x+) <= (1 - kappa) V(x) + v'Gamma v + ..., and V >= p |x|^2: add up.",
+    "region": "The level set lies inside every strip (bound of section 6), and V(x+) <= level from each of its points.",
+    "practical": "So V(x+) <= (1 - kappa) V(x) + S, and p |x|^2 <= V: add up.",
 }
 
 

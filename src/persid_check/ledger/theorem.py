@@ -71,6 +71,18 @@ def _numbers(ledger: Ledger) -> None:
         raise NotProvedError("strips, level, input_bound", "only claim region has them")
     if ledger.outputs and ledger.claim not in ("rate-and-gain", "region"):
         raise NotProvedError("outputs", "they need the claim rate-and-gain or region")
+    if ledger.model.is_discrete:
+        _discrete_numbers(ledger)
+
+
+def _discrete_numbers(ledger: Ledger) -> None:
+    """In discrete time V = x'P x shrinks to a share 1 - kappa, and every entry is kept (section 10)."""
+    if ledger.kappa >= 1:
+        raise NotProvedError("kappa", "in discrete time it is less than 1")
+    if ledger.dropped or ledger.spanning:
+        raise NotProvedError("dropped", "in discrete time no entry is dropped")
+    if any(mu for point in ledger.points for _, mu in point.densities):
+        raise NotProvedError("points", "in discrete time V has no integrals: every density is 0")
 
 
 def _equilibrium(ledger: Ledger) -> None:
@@ -80,7 +92,7 @@ def _equilibrium(ledger: Ledger) -> None:
             raise NotProvedError("operating_point", "a region needs an equilibrium, and b is not zero at the reference")
     elif ledger.claim == "practical":
         raise NotProvedError("operating_point", "claim practical is about x_ref: null is needed")
-    elif not has_unique_equilibrium(ledger.model, ball.x, ball.radius, ball.u):
+    elif not has_unique_equilibrium(ledger.model.resting, ball.x, ball.radius, ball.u):
         raise NotProvedError("operating_point", "no proof that exactly one equilibrium lies in the ball")
 
 

@@ -1,0 +1,142 @@
+"""Ledgers of models in discrete time: random models of known truth, sequences that obey, and what format 1 may say."""
+
+import random
+from collections import Counter
+from contextlib import suppress
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from checker import known_ledgers, named
+from checker.independent import Model
+from checker.known_steps import as_steps, steps_model
+from checker.ledgers import Sketch, curve, data, point, solved
+from checker.sampled import Sampled, faults
+from persid.certificates.ledger import with_proof
+from persid.errors import RoundingError
+from persid_check import Accepted, Malformed, check
+from persid_check.results import FormatError, NotProvedError
+
+FUNCTIONS = {  # with forms that are nondecreasing
+    "tanh(x)": ((0, 1), (1, -1)),
+    "arctan(x)": ((0, 1), (1, -1)),
+    "relu(x)": ((0, 1), (1, -1)),
+    "sat(x)": ((0, 1), (1, -1)),
+    "deadzone(x)": ((0, 1), (1, -1)),
+    "x**3": ((0, 1),),
+    "sin(x)": ((1, -1), (1, 1)),
+    "softsign(x)": ((0, 1), (1, -1)),
+}
+
+
+def _network(choose: random.Random, n: int) -> Sketch:
+    """x+ = A0 x + A f(R x) + u with random numbers, value facts of every channel and differences of equal functions."""
+    rng = np.random.default_rng(choose.randrange(2**32))
+    text, count = choose.choice(list(FUNCTIONS)), choose.randrange(1, n + 2)
+    scale = choose.uniform(0.2, 1.2)
+    A0, A = scale * rng.normal(size=(n, n)) / np.sqrt(n), rng.normal(size=(n, count)) / np.sqrt(n) * scale
+    R = np.round(rng.normal(size=(count, n)) * 4) / 4 + 0.125
+    model = steps_model([(text, R.tolist(), A.tolist())], A0.tolist(), np.eye(n).tolist(), n=n)
+    forms = [(row, "nondecreasing") for row in FUNCTIONS[text]] + [((1, 0), "nondecreasing")]
+    facts: list[tuple[Any, ...]] = [
+        ("value", p, k, q) for p in range(count) for k in range(len(forms)) for q in range(k)
+    ]
+    facts += [("difference", p, q, -1, 0, len(forms) - 2) for p in range(count) for q in range(p)]
+    points = [point(0, dict(enumerate(row.tolist())), [c], []) for c, row in enumerate(R)]
+    kappa = choose.choice((0, Fraction(1, 8)))
+    return Sketch(model, [curve([(text, 1)], *forms)], points, facts, "rate-and-gain" if kappa else "iss", kappa)
+
+
+def _settles(content: dict[str, Any]) -> bool:
+    """Whether far and near starts come to 0 without inputs, and no linearisation at a start's size grows at 0."""
+    m, rng = Model(content["model"]), np.random.default_rng(0)
+    if np.abs(np.linalg.eigvals(m.J(np.full(m.n, 1e-9)))).max() > 1:
+        return False
+    for size in (1e-3, 1.0, 30.0):
+        for x in size * rng.normal(size=(4, m.n)):
+            start = np.linalg.norm(x)
+            with np.errstate(all="ignore"):
+                for _ in range(4000):
+                    x = m.F(x, m.u_ref)
+            if not np.linalg.norm(x) < 0.1 * start:
+                return False
+    return True
+
+
+def _random(count: int, sizes: tuple[int, ...], seed: int) -> Counter[str]:
+    choose, counts = random.Random(seed), Counter()
+    for _ in range(count):
+        try:
+            content = solved(_network(choose, choose.choice(sizes)), ratio=1e3)
+        except Exception as error:  # the solver gives up, or rounding loses the margin
+            made = isinstance(error, RoundingError | NotProvedError | FormatError)
+            if not made and type(error).__name__ != "SolverError":
+                raise
+            counts["not made"] += 1
+            continue
+        answer = check(data(content))
+        counts[type(answer).__name__] += 1
+        if isinstance(answer, Accepted):
+            assert _settles(content), content["model"]
+            assert faults(content, samples=60) == [], content["model"]
+    print(dict(counts))
+    return counts
+
+
+def test_accepted_random_models_of_one_state_settle() -> None:
+    """Of random recursions of one state, every one that is accepted settles from near and far, and its bounds hold."""
+    assert _random(16, (1,), seed=1)["Accepted"] >= 3
+
+
+@pytest.mark.long
+def test_accepted_random_models_of_several_states_settle() -> None:
+    """The same for two and three states."""
+    assert _random(40, (2, 3), seed=2)["Accepted"] >= 5
+
+
+@pytest.mark.slow
+def test_accepted_random_models_settle_of_two_thousand() -> None:
+    """The same for 2,000 models of one to four states."""
+    assert _random(2000, (1, 2, 3, 4), seed=3)["Accepted"] > 200
+
+
+@pytest.mark.parametrize("name", ["steps_network", "steps_ball", "steps_region"])
+def test_sequences_obey_the_printed_bound(name: str) -> None:
+    """|x_k - x*| stays below its bound in every step, for inputs as large as are admitted and chosen at random."""
+    content = known_ledgers.load(name)
+    assert isinstance(check(data(content)), Accepted)
+    look, rng = Sampled(content), np.random.default_rng(3)
+    kappa, p, gamma = (float(Fraction(m) * Fraction(2) ** e) for m, e in (content[k] for k in ("kappa", "p", "gamma")))
+    for size in (0.0, 0.03):
+        x = 0.3 * rng.normal(size=look.model.n)
+        V = look.V(x)
+        for k in range(80):
+            bound = np.sqrt(V / p) * (1 - kappa) ** (k / 2) + np.sqrt(gamma / (kappa * p)) * size
+            assert np.linalg.norm(x) <= bound * (1 + 1e-9) + 1e-12
+            x = look.rise(x, size * rng.choice([-1.0, 1.0], look.model.m))
+
+
+def test_format_1_is_not_read_of_models_in_discrete_time() -> None:
+    """A certificate of stability in format 1 whose model is in discrete time is malformed, whatever it proves."""
+    for name in named.MAKERS:
+        content = named.load(name)
+        if content["claim"] != "refuted":
+            answer = check(data(as_steps(content)))
+            assert isinstance(answer, Malformed), name
+            assert answer.where.startswith("model")
+
+
+def test_a_ledger_of_rates_is_none_of_steps() -> None:
+    """No ledger of a model in continuous time is accepted when the model is read in discrete time, nor the reverse."""
+    for name in known_ledgers.NAMES:
+        content = known_ledgers.load(name)
+        if "time" in content["model"]:
+            model = {k: v for k, v in content["model"].items() if k not in ("time", "dt")}
+            other = as_steps(content) | {"model": model}
+        else:
+            other = as_steps(content)
+        with suppress(RoundingError, FormatError, NotProvedError):
+            other = with_proof(other)
+        assert not isinstance(check(data(other)), Accepted), name
