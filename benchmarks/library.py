@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from persid.lyapunov.interior_point import whitening
 from persid.lyapunov.pairs import Problem, unpack
 
 OPTIONS: dict[str, dict] = {
@@ -32,7 +31,7 @@ def by_library(given: Problem, solver: str) -> Answer:
     """Maximise t over the unknowns of a problem, whitened as persid's own method whitens it."""
     import cvxpy as cp
 
-    problem = given.whitened(whitening(given))
+    problem = given.whitened()
     started = time.process_time()
     M, norms = _generators(problem)
     N, J, free = problem.order, len(norms), problem.free

@@ -11,7 +11,7 @@ from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov import iterate
 from persid.lyapunov.inequality import Assembly, assemble
-from persid.lyapunov.interior_point import Solution, Status, solve, whitening
+from persid.lyapunov.interior_point import Solution, Status, solve
 from persid.lyapunov.multipliers import choose
 from persid.lyapunov.pairs import Problem, combine, pairings, unpack
 from persid.lyapunov.system import Family
@@ -29,7 +29,7 @@ def by_library(problem: Problem) -> float:
     """Return the optimal margin of the whitened problem from Clarabel through CVXPY."""
     import cvxpy as cp
 
-    white = problem.whitened(whitening(problem))
+    white = problem.whitened()
     F = generators(white)
     size = [np.linalg.norm(f) for f in F]
     y, t = cp.Variable(len(F)), cp.Variable()
@@ -229,7 +229,7 @@ def test_products_that_vanish_start_without_a_division_by_zero() -> None:
     line = int(problem.p[-1]), int(problem.q[-1])
     S[line[0], :], S[line[1], :] = 0.0, 0.0
     S[line[0], 0], S[line[1], 1] = 1.0, 1.0
-    changed = replace(problem, S=sparse.csr_array(S.tocsr()), X=np.eye(problem.order))
+    changed = replace(problem, S=sparse.csr_array(S.tocsr()), C=sparse.csr_array(sparse.eye_array(problem.order)))
     assert pairings(changed, changed.X)[-1] == 0
     assert solve(changed, iterations=3).log
 

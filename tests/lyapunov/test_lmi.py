@@ -159,16 +159,15 @@ def test_smaller_problem_finds_its_unknowns_in_a_larger_one() -> None:
 
 def test_first_dual_matrix_is_strictly_inside_the_cone_of_all_products(monkeypatch: pytest.MonkeyPatch) -> None:
     """A first dual matrix regularised out of the sector cone is pulled back into it."""
-    from persid.lyapunov import inequality as lmi
+    from persid.lyapunov import dual_start
 
     def least(catalogue: Catalogue) -> float:
         X = catalogue.assembly(catalogue.families).problem.X
         return min(float(products[np.triu_indices(len(products), 1)].min()) for products, _ in catalogue.prices(X))
 
     whole = random_assembly(2)
-    mean = lmi._interior(whole.unknowns.system, whole.unknowns.units)
-    outside = mean + 0.5 * np.eye(len(mean)) * np.trace(mean)
-    monkeypatch.setattr(lmi, "_interior", lambda system, units: outside)
+    mean = dual_start._mean
+    monkeypatch.setattr(dual_start, "_mean", lambda *given: mean(*given) + 0.5 * np.eye(len(given[2])) * len(given[2]))
     assert least(Catalogue(whole.unknowns.system, whole.unknowns.families)) > 0
-    monkeypatch.setattr(Catalogue, "_inward", lambda self, X: X)
+    monkeypatch.setattr(dual_start, "_inward", lambda X, forms: X)
     assert least(Catalogue(whole.unknowns.system, whole.unknowns.families)) < 0, "the example must violate a product"

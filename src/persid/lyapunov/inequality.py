@@ -18,14 +18,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
+from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.pairs import Problem, pairings
 from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Family, Scaling, System, Target, scaling
 from persid.lyapunov.unknowns import Label, Unknowns, labels
-
-SAMPLES = 6  # points of the sector cone per entry of z from which the first dual matrix is averaged
 
 Prices = list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]  # of a group's products, and of its densities
 
@@ -206,7 +204,8 @@ class Catalogue:
         return self._append(row, upper, product, size), size * self.units.rate
 
     def _decaying(self, row: ndarray, upper: float) -> ndarray:
-        product: ndarray = row @ self.flow
+        reads = np.flatnonzero(row)
+        product: ndarray = row[reads] @ self.flow[reads]
         if upper:
             k = len(self.system.states)
             product[:k] += (
@@ -244,38 +243,9 @@ class Catalogue:
         self._unknowns[("p",)] = _Unknown(*pairs, size, float(shape.sum() / size))
 
     @cached_property
-    def _interior(self) -> ndarray:
-        """A first dual matrix: in the interior of the sector cone, a multiple of I for the inputs."""
-        X, entries = np.eye(self.width) / self.width, slice(self.system.entries)
-        X[entries, entries] = _interior(self.system, self.units)
-        return self._inward(X)
-
-    def _inward(self, X: ndarray) -> ndarray:
-        """Return X, less a multiple c of I where a product of the pools has no positive price otherwise."""
-        price = self._off_diagonal(X)
-        if (price > 0).all():
-            return X
-        change = self._off_diagonal(np.eye(self.width))
-        falling, rising = change < 0, change > 0
-        least = float((price[falling] / change[falling]).max(initial=-np.inf))
-        most = min(float(np.linalg.eigvalsh(X)[0]), (price[rising] / change[rising]).min(initial=np.inf))
-        if least < 0 < most or not least < most:
-            return X
-        c = 0.5 * (least + most) if np.isfinite(least) else 2 * most
-        return np.asarray(X - c * np.eye(self.width))
-
-    def _off_diagonal(self, X: ndarray) -> ndarray:
-        """Return the prices of all products of two different forms."""
-        prices = self._product_prices(X)
-        return np.concatenate([np.zeros(0), *(each[np.triu_indices(len(each), 1)] for each in prices)])
-
-    @cached_property
-    def _blocks(self) -> ndarray:
-        """The number of each entry's block: entries that the forms of a group hold together, directly or not."""
-        lines = np.repeat(np.arange(len(self._forms)), [len(at) for *_, at in self._forms])
-        entries = np.concatenate([np.zeros(0, int), *(at for *_, at in self._forms)])
-        pattern = sparse.csr_array((np.ones(len(lines)), (lines, entries)), shape=(len(self._forms), self.width))
-        return connected_components(pattern.T @ pattern)[1].astype(int)
+    def _factor(self) -> sparse.csr_array:
+        """C, with which C C' is the first dual matrix."""
+        return dual_factor(self.system, self.units, [(at, rows) for _, _, rows, at in self._forms], self.width)
 
     @cached_property
     def _all_rows(self) -> tuple[sparse.csr_array, ndarray, ndarray, ndarray]:
@@ -301,44 +271,11 @@ class Catalogue:
         return Terms(S[rows], H[lines], rho[lines], upper[lines], p, q, owner, weight, cost, sizes)
 
     def _problem(self, terms: Terms) -> Problem:
-        return Problem(
-            terms.S, terms.H, terms.p, terms.q, terms.cost, self._interior, self._blocks, self._order_of_P, terms.tie
-        )
+        return Problem(terms.S, terms.H, terms.p, terms.q, terms.cost, self._factor, self._order_of_P, terms.tie)
 
 
 def _flat(places: Iterable[tuple[int, ...]]) -> Int[ndarray, " K"]:
     return np.array([i for each in places for i in each], int)
-
-
-def _interior(system: System, units: Scaling) -> ndarray:
-    """Return a matrix in the interior of the sector cone: the mean of z z' over points z of the model, plus a little I.
-
-    Every product of two forms is positive there, since it is nonnegative on each point.
-    """
-    rng = np.random.default_rng(0)
-    count = SAMPLES * system.entries + 20
-    magnitude = np.exp(rng.uniform(np.log(0.1), np.log(5.0), (count, system.n)))
-    x = magnitude * rng.choice([-1.0, 1.0], magnitude.shape) * units.states
-    x *= np.min([np.ones(count), *(_share_inside(group, x) for group in system.groups)], axis=0)[:, None]
-    z = np.zeros((count, system.entries))
-    z[:, : len(system.states)] = x[:, list(system.states)]
-    for group in system.groups:
-        with np.errstate(over="ignore"):
-            values = group.curve.values(x @ group.row)[:, 1:]
-        z[:, [system.places[c] for c in group.channels]] = values
-    z = np.clip(np.nan_to_num(z / units.entries), -1e6, 1e6)
-    z /= np.maximum(np.linalg.norm(z, axis=1, keepdims=True), 1e-300)  # functions may vanish together
-    X = z.T @ z / count
-    return np.asarray(X + 1e-4 * np.eye(len(X)) * np.trace(X) / len(X))
-
-
-def _share_inside(group: Group, x: ndarray) -> ndarray:
-    """Return the factors by which points x must shrink so that r'x lies well inside the domain of a group."""
-    if group.curve.domain is None:
-        return np.ones(len(x))
-    y = x @ group.row
-    limit = np.where(y < 0, -float(group.curve.domain[0]), float(group.curve.domain[1]))
-    return np.asarray(np.minimum(1.0, 0.98 * limit / np.maximum(np.abs(y), 1e-300)))
 
 
 def theorem_1(

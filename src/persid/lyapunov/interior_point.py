@@ -30,6 +30,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
+from scipy import sparse
 
 from persid.lyapunov.iterate import Iterate, Step, first_iterate, resumed, step
 from persid.lyapunov.pairs import Problem
@@ -73,7 +74,7 @@ class Solution:
     status: Status
     last: Iterate
     step: Step | None
-    C: Float[ndarray, "N N"]
+    C: sparse.csr_array
     first: float  # the distance of the bounds at the start
     log: tuple[str, ...]
 
@@ -100,13 +101,13 @@ class Solution:
     @cached_property
     def X(self) -> Float[ndarray, "N N"]:
         """The dual matrix, in the coordinates of the problem given."""
-        return np.asarray(self.C @ self.last.X @ self.C.T)
+        return _congruent(self.C, self.last.X)
 
     @property
     def aim(self) -> tuple[Float[ndarray, "N N"], float]:
         """The dual matrix, in these coordinates, and m where the last step would have gone without a fence."""
         X, m = (self.last.X, self.last.m) if self.step is None else self.step.end
-        return self.C @ X @ self.C.T, m
+        return _congruent(self.C, X), m
 
 
 def solve(
@@ -127,12 +128,11 @@ def solve(
     it is BLOCKED after a step that `fence` shortened.
     """
     if start is None:
-        C = whitening(problem)
-        state = first_iterate(problem.whitened(C), 0.0 if fence is None else fence.bound(C @ C.T / problem.order))
+        least = 0.0 if fence is None else fence.bound(problem.X / problem.order)
+        state = first_iterate(problem.whitened(), least)
         first = state.m - state.t
     else:
-        C, first = start[0].C, start[0].first
-        state = resumed(problem.whitened(C), start[0].last, start[1])
+        first, state = start[0].first, resumed(problem.whitened(), start[0].last, start[1])
     log, status, taken = [], Status.STALLED, None
     started, goal = time.perf_counter(), fall * state.mu
     try:
@@ -154,7 +154,7 @@ def solve(
             if taken is not None and taken.share < 1:
                 status = Status.BLOCKED
                 break
-            following = step(state, None if fence is None else _limit(fence, state, C))
+            following = step(state, None if fence is None else _limit(fence, state, problem.C))
             if following is None:
                 break
             taken, state = following, following.state
@@ -162,19 +162,15 @@ def solve(
         status = Status.INTERRUPTED
     if state.t > 0 and status is not Status.BLOCKED and state.is_interior:
         status = Status.FEASIBLE
-    return Solution(status, state, taken, C, first, tuple(log))
+    return Solution(status, state, taken, problem.C, first, tuple(log))
 
 
-def _limit(fence: Fence, state: Iterate, C: ndarray) -> Callable[[ndarray, float], float]:
+def _limit(fence: Fence, state: Iterate, C: sparse.csr_array) -> Callable[[ndarray, float], float]:
     """Return the fence as a step sees it, in the coordinates of the iterates."""
-    here = C @ state.X @ C.T, state.m
-    return lambda X, m: fence.share(here, (C @ X @ C.T, m))
+    here = _congruent(C, state.X), state.m
+    return lambda X, m: fence.share(here, (_congruent(C, X), m))
 
 
-def whitening(problem: Problem) -> Float[ndarray, "N N"]:
-    """Return C: in coordinates z = C w the dual matrix X0 of the problem, restricted to its blocks, is I."""
-    C = np.zeros((problem.order, problem.order))
-    for block in range(int(problem.blocks.max(initial=-1)) + 1):
-        inside = np.ix_(problem.blocks == block, problem.blocks == block)
-        C[inside] = np.linalg.cholesky(problem.X[inside])
-    return C
+def _congruent(C: sparse.csr_array, X: Float[ndarray, "N N"]) -> Float[ndarray, "N N"]:
+    """Return C X C' for a symmetric X."""
+    return np.asarray(C @ np.ascontiguousarray((C @ X).T))

@@ -21,9 +21,9 @@ class Problem:
 
     S is sparse, H dense; pair k is (p[k], q[k]) with p[k] always a row of S. Unknown j sums the pairs of column j of
     `tie` (None: one pair each). The first `symmetric`(`symmetric` + 1)/2 unknowns are the upper triangle of a
-    symmetric matrix P, entry (i, j) standing for e_i e_j' + e_j e_i'; 0 without P. `cost` is c; `X` is X0, positive
-    definite with <F_k, X0> > 0 for every multiplier of zero cost; `blocks` numbers the blocks of entries that rows of
-    S, and products of two rows of S, hold together.
+    symmetric matrix P, entry (i, j) standing for e_i e_j' + e_j e_i'; 0 without P. `cost` is c; X0 = C C' is positive
+    definite with <F_k, X0> > 0 for every multiplier of zero cost, and C has no entries but between those that rows of
+    S, and products of two rows of S, hold together: it leaves S sparse.
     """
 
     S: sparse.csr_array
@@ -31,8 +31,7 @@ class Problem:
     p: Int[ndarray, " K"]
     q: Int[ndarray, " K"]
     cost: Float[ndarray, " J"]
-    X: Float[ndarray, "N N"]
-    blocks: Int[ndarray, " N"]
+    C: sparse.csr_array
     symmetric: int = 0
     tie: sparse.csr_array | None = None
 
@@ -46,10 +45,15 @@ class Problem:
         """Number of unknowns that are entries of P."""
         return self.symmetric * (self.symmetric + 1) // 2
 
-    def whitened(self, C: Float[ndarray, "N N"]) -> "Problem":
-        """Return the problem for z = C w, where C has the blocks of the problem and makes its dual matrix I there."""
-        S = sparse.csr_array(self.S @ sparse.csr_array(C))
-        return replace(self, S=S, H=self.H @ C, X=np.eye(self.order))
+    @property
+    def X(self) -> Float[ndarray, "N N"]:
+        """The first dual matrix, X0."""
+        return np.asarray((self.C @ self.C.T).toarray())
+
+    def whitened(self) -> "Problem":
+        """Return the problem for z = C w: there the dual matrix X0 is I."""
+        H = np.ascontiguousarray((self.C.T @ self.H.T).T)
+        return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=sparse.csr_array(sparse.eye_array(self.order)))
 
     @cached_property
     def _entries(self) -> tuple[ndarray, ndarray, ndarray]:

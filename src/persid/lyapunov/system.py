@@ -163,7 +163,8 @@ def scaling(system: System) -> Scaling:
     entries = np.concatenate([states[list(system.states)], np.ones(len(system.channels))])
     for group in system.groups:
         entries[[system.places[c] for c in group.channels]] = sizes(group.curve)[1:]
-    rate = float(np.linalg.norm(system.G / states[:, None] * entries) / np.sqrt(system.n)) or 1.0
+    squares = np.einsum("ij,ij,j->i", system.G, system.G, entries**2) / states**2  # no second matrix of its size
+    rate = float(np.sqrt(squares.sum() / system.n)) or 1.0
     strength = np.linalg.norm(system.B / states[:, None], axis=0) / rate
     return Scaling(states, entries, 1 / np.where(strength > 0, strength, 1.0), rate)
 
