@@ -189,5 +189,6 @@ def scored(model: PersidskiiModel, data: Trajectories, hold: str) -> tuple[float
             return np.inf, -np.inf
         guesses.append(found.x)
         means.append(float((((found.x - run.x) / width) ** 2).mean()))
-    fit = freerun.score(np.concatenate([run.x for run in data]), np.concatenate(guesses))
+    truth, record = np.concatenate([run.x for run in data]), data.moments.of(slice(len(data.states)))
+    fit = freerun.score(truth, np.concatenate(guesses), record=record)
     return float(np.sqrt(np.mean(means))), fit.r2_mean

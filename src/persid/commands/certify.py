@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -114,7 +113,7 @@ def _told(path: Path, verdict: Any, target: Path, explain: bool) -> tuple[dict[s
     if brief.gain is not None:
         facts["gains"] = named_gains(verdict)
     if explain:
-        facts["attempts"] = [asdict(attempt) for attempt in verdict.attempts]
+        facts["attempts"] = [attempt.to_dict() for attempt in verdict.attempts]
     rows = [*verdict_rows(verdict), *(attempt_rows(verdict) if explain else [])]
     what = " (proves the reason; stability is not refuted)" if written and brief.verdict == "undecided" else ""
     return facts, [*rows, ("file", f"{written}{what}" if written else "none written")], EXIT[brief.verdict]

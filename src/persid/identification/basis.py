@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from persid.errors import DataError, ModelError
 from persid.measurements.moments import Moments
-from persid.measurements.recordings import Measurements, moments
+from persid.measurements.recordings import Measurements
 from persid.models.functions import ScalarFunction, scalar_function
 from persid.models.model import PersidskiiModel
 
@@ -171,7 +171,7 @@ def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", sc
     """
     n = len(data.states)
     lists = _per_state(functions, n)
-    found = moments(data)
+    found = data.moments
     x, u = found.of(slice(n)), found.of(slice(n, None))
     reference = reference_point(x) if is_auto(x_ref) else _vector("x_ref", x_ref, n)
     sizes = _powers_of_two(_reach(x, reference)) if is_auto(scale) else _vector("scale", scale, n)

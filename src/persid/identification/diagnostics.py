@@ -11,7 +11,7 @@ from persid.identification.gram import Gram, condition_number
 from persid.identification.koopman import ALIASING
 from persid.identification.scores import Scores
 from persid.identification.validation import Curve
-from persid.measurements.recordings import Measurements, moments
+from persid.measurements.recordings import Measurements
 
 COLLINEAR = 0.99
 LARGE = 20.0
@@ -145,7 +145,7 @@ def excitation(data: Measurements, gram: Gram) -> tuple[Excitation, ...]:
     """Return for each input how it moves and how much of it is no function of the other columns."""
     names = [column.name for column in gram.basis.columns]
     free = _free_share(gram)
-    u = moments(data).of(slice(len(data.states), None))
+    u = data.moments.of(slice(len(data.states), None))
     p = gram.basis.state_columns
     return tuple(
         Excitation(names[p + k], float(u.deviation[k]), int(u.changes[k]), float(free[p + k]))

@@ -17,7 +17,7 @@ from numpy import ndarray
 from persid.identification.free_runs import Simulator, free_run_score, restarted
 from persid.identification.windows import noise_of
 from persid.measurements.moments import Moments
-from persid.measurements.recordings import Measurements, beginnings, moments
+from persid.measurements.recordings import Measurements, beginnings
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
@@ -46,7 +46,7 @@ class Record:
     def of(cls, data: Measurements) -> "Record":
         """Return the record of measurements; of many or long runs the beginnings tell noise and memory."""
         heads = beginnings(data, LOOKED_INTO, LOOKED_AT)
-        states = moments(data).of(slice(len(data.states)))
+        states = data.moments.of(slice(len(data.states)))
         return cls(states, noise_of([run.x for run in heads]), _memory(heads, states))
 
 

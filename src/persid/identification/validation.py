@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from persid.identification.free_runs import batch_errors
 from persid.identification.gram import Gram
-from persid.measurements.recordings import Measurements, Part, lengths, moments, segments
+from persid.measurements.recordings import Measurements, Part, lengths, segments
 from persid.measurements.trajectories import Trajectories
 
 STRENGTHS = 10.0 ** np.arange(-8, 0.1, 0.5)
@@ -144,7 +144,7 @@ def validation_curve(
 def _worth(data: Measurements, limits: Float[ndarray, "n 2"]) -> float:
     """Return the squared error of the mean as a forecast, each state measured by its width."""
     width = limits[:, 1] - limits[:, 0]
-    deviation = moments(data).of(slice(len(data.states))).deviation
+    deviation = data.moments.of(slice(len(data.states))).deviation
     moving = width > 0
     return float(((deviation[moving] / width[moving]) ** 2).sum() / len(width)) if moving.any() else 1.0
 

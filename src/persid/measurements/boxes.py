@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.measurements.recordings import Measurements, moments
+from persid.measurements.recordings import Measurements
 
 REACH = 10.0  # a free run is stopped this many widths of the data outside their box
 LEAST = 1e-12  # width of a state that stands still, as far as the reach goes
@@ -12,7 +12,7 @@ LEAST = 1e-12  # width of a state that stands still, as far as the reach goes
 
 def box_of(data: Measurements) -> Float[ndarray, "n 2"]:
     """Return the smallest box that holds all states."""
-    return moments(data).of(slice(len(data.states))).box
+    return data.moments.of(slice(len(data.states))).box
 
 
 def widths(box: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:

@@ -15,7 +15,7 @@ from numpy import ndarray
 from persid.errors import DataError
 from persid.measurements.chunks import HEAD, Lazy, read_rows
 from persid.measurements.engines import Engine, summed
-from persid.measurements.moments import Moments, Steps, run_moments, run_steps
+from persid.measurements.moments import Moments, Steps, run_steps
 from persid.measurements.tables import Columns
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
@@ -240,17 +240,12 @@ def lengths(data: Measurements) -> list[int]:
     return data.lengths if isinstance(data, Recordings) else [len(run) for run in data]
 
 
-def moments(data: Measurements) -> Moments:
-    """Return ranges, means, spreads and changes of states and inputs, side by side."""
-    return data.moments if isinstance(data, Recordings) else run_moments(data)
-
-
 def without_still_inputs(data: Kind) -> Kind:
     """Return data without the inputs that never vary: they tell nothing, so that a model has no such input.
 
     A note says which; what a constant input does is part of the constant term.
     """
-    found = moments(data).of(slice(len(data.states), None))
+    found = data.moments.of(slice(len(data.states), None))
     pairs = zip(data.inputs, found.high > found.low, strict=True)
     still = [name for name, moves in pairs if not moves]
     if not still:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
@@ -11,6 +12,7 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.measurements.delays import late_runs
+from persid.measurements.moments import Moments, run_moments
 from persid.measurements.trajectory import Runs, Trajectory
 
 if TYPE_CHECKING:
@@ -66,6 +68,11 @@ class Trajectories(Sequence[Trajectory]):
     def samples(self) -> int:
         """Number of samples in all runs together."""
         return sum(len(run) for run in self.runs)
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Ranges, means, spreads and changes of states and inputs, side by side; counted when first asked for."""
+        return run_moments(self.runs)
 
     def split(self, k: int) -> "Trajectories":
         """Cut every run into k consecutive runs of about equal length, so that cross-validation has runs to leave out.

@@ -10,7 +10,7 @@ from persid._dyadics import value
 from persid.certificates.certificate import Certificate
 from persid.identification.scores import Scores
 from persid.lyapunov.operating_points import find_operating_point
-from persid.measurements.recordings import Measurements, moments
+from persid.measurements.recordings import Measurements
 from persid.models.model import PersidskiiModel
 from persid.verdicts.verdict import Certified, Refuted, Verdict
 
@@ -56,7 +56,7 @@ def _numbers(pairs: Any) -> ndarray:
 
 def _outside(x: ndarray | None, u: ndarray | None, data: Measurements) -> Iterator[str]:
     """Say which of x* and u* lie outside the range of the data by more than a tenth of it: decays end beside it."""
-    found, n = moments(data), len(data.states)
+    found, n = data.moments, len(data.states)
     slack = 0.1 * (found.high - found.low)
     low, high = found.low - slack, found.high + slack
     for name, point, part in (("state x*", x, slice(n)), ("input u*", u, slice(n, None))):

@@ -1,11 +1,10 @@
 """The file of a verdict: a certificate, a witness, or why it is undecided; and back, checked again."""
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from persid._files import json_object
 from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
@@ -14,10 +13,9 @@ from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, companion
 from persid.reports.layout import CERTIFICATE, INFEASIBLE, MODEL, OBSTRUCTION, WITNESS
-from persid.reports.objects import read_object, restored, write_object
+from persid.reports.objects import read_object, write_object
 from persid.verdicts.checking import load_certificate
-from persid.verdicts.evidence import Evidence
-from persid.verdicts.verdict import Attempt, Certified, Reason, Refuted, Undecided, Verdict
+from persid.verdicts.verdict import Attempt, Certified, Refuted, Undecided, Verdict
 
 FORMAT = "persid-obstruction-1"
 
@@ -28,26 +26,14 @@ def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | Outpu
         verdict.certificate.save(folder / CERTIFICATE)
         return CERTIFICATE
     if isinstance(verdict, Undecided):
-        write_object(folder / OBSTRUCTION, _why(verdict, model))
+        proof = INFEASIBLE if verdict.obstruction else None
+        about = {"format": FORMAT, "model_sha256": model.sha256, "proof": proof}
+        write_object(folder / OBSTRUCTION, {**about, **verdict.to_dict()})
         if verdict.obstruction is not None:
             verdict.obstruction.save(folder / INFEASIBLE)
         return OBSTRUCTION
     verdict.witness.save(folder / WITNESS)
     return WITNESS
-
-
-def _why(verdict: Undecided, model: PersidskiiModel | OutputModel) -> dict[str, Any]:
-    return {
-        "format": FORMAT,
-        "verdict": "undecided",
-        "reason": verdict.reason.name,
-        "sentence": verdict.reason.value,
-        "detail": verdict.detail,
-        "model_sha256": model.sha256,
-        "proof": INFEASIBLE if verdict.obstruction else None,
-        "evidence": asdict(verdict.evidence) if verdict.evidence else None,
-        "attempts": [asdict(attempt) for attempt in verdict.attempts],
-    }
 
 
 def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: tuple[Attempt, ...]) -> Verdict:
@@ -68,9 +54,8 @@ def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: t
         raise FolderError(f"{folder}: {OBSTRUCTION} speaks of another model than {MODEL}; run persid run again")
     try:
         proof = _proof(folder / INFEASIBLE, model, _obstruction) if content["proof"] else None
-        evidence = restored(Evidence, content.get("evidence"))
-        return Undecided(Reason[content["reason"]], content["detail"], attempts, proof, evidence)
-    except KeyError as error:
+        return Undecided.from_dict(content, proof)
+    except (KeyError, TypeError) as error:
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
 
 
@@ -95,6 +80,6 @@ def _witness(path: Path) -> Witness:
 def _obstruction(path: Path) -> Obstruction | NetworkObstruction:
     data = path.read_bytes()
     arrays = companion(data, path.parent)
-    if json.loads(data).get("claim") == "L1-infeasible":
+    if json_object(data).get("claim") == "L1-infeasible":
         return NetworkObstruction.accept(data, arrays)
     return Obstruction.accept(data)

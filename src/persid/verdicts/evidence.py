@@ -1,13 +1,15 @@
 """Evidence beside an undecided verdict: what simulations from bounded states do at the nominal input. No proof."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._files import Json
 from persid.lyapunov.operating_points import usual_box
 from persid.models.integration import HUGE, has_left, lsoda_steps, quiet
 from persid.models.model import PersidskiiModel
@@ -29,6 +31,15 @@ class Evidence:
     x0: tuple[float, ...] | None = None
     time: float | None = None
     moving: int = 0
+
+    def to_dict(self) -> Json:
+        """Return it as an object of JSON; `from_dict` is the way back."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Evidence":
+        """Return what `to_dict` was called on."""
+        return cls(**{**data, "x0": data["x0"] and tuple(data["x0"])})
 
     def __str__(self) -> str:
         moving = f"; {self.moving} had not come to rest at their end" if self.moving else ""

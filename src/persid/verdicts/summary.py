@@ -2,8 +2,8 @@
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
+from persid._files import Json
 from persid._text import above, below
 from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
@@ -32,10 +32,10 @@ class Summary:
     rate: float | None
     gain: float | None
     seconds: float
-    evidence: dict[str, Any] | None = None
+    evidence: Json | None = None
     output_gains: dict[str, float] | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the object that `--json` prints."""
         return asdict(self)
 
@@ -54,7 +54,7 @@ def summarize(verdict: Verdict) -> Summary:
             named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
         claim, scope = certificate.claim, certificate.scope
         return Summary(name, claim, scope, point, None, rate, gain, seconds, output_gains=named)
-    evidence = asdict(verdict.evidence) if isinstance(verdict, Undecided) and verdict.evidence else None
+    evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
 
 

@@ -1,9 +1,11 @@
 """Verdicts: certified, refuted, or undecided with its reason, and how each was reached."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from enum import Enum
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from persid._files import Json
 from persid._html import table
 from persid._text import above, below
 from persid.certificates.certificate import Certificate
@@ -47,6 +49,10 @@ class Attempt:
     what: str
     outcome: str
     seconds: float
+
+    def to_dict(self) -> Json:
+        """Return it as an object of JSON; `Attempt(**data)` is the way back."""
+        return asdict(self)
 
 
 class _Verdict:
@@ -147,6 +153,28 @@ class Undecided(_Verdict):
     attempts: tuple[Attempt, ...] = ()
     obstruction: Obstruction | NetworkObstruction | None = None
     evidence: Evidence | None = None
+
+    def to_dict(self) -> Json:
+        """Return what was found as an object of JSON; an obstruction is a file of its own."""
+        return {
+            "verdict": "undecided",
+            "reason": self.reason.name,
+            "sentence": self.reason.value,
+            "detail": self.detail,
+            "evidence": self.evidence and self.evidence.to_dict(),
+            "attempts": [attempt.to_dict() for attempt in self.attempts],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], obstruction: Obstruction | NetworkObstruction | None) -> "Undecided":
+        """Return what `to_dict` was called on, with the obstruction that was read beside it.
+
+        Raises:
+            KeyError: a field is missing, or the reason is none that is known.
+        """
+        evidence, attempts = data["evidence"], tuple(Attempt(**entry) for entry in data["attempts"])
+        seen = None if evidence is None else Evidence.from_dict(evidence)
+        return cls(Reason[data["reason"]], data["detail"], attempts, obstruction, seen)
 
     def __str__(self) -> str:
         parts = (self.reason.value, self.detail, str(self.evidence or ""))
