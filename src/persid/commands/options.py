@@ -113,7 +113,7 @@ class Given(ParamType):
         return value if value == "auto" else self.kind.convert(value, param, ctx)
 
 
-class Velocities(click.ParamType[Any]):
+class Velocities(ParamType):
     """Pairs of a state and its derivative, "auto" or "none"."""
 
     name = "pairs|auto|none"
