@@ -129,9 +129,9 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         """
         _check_options(self)
         estimator = PersidskiiIdentifier() if self.estimator is None else self.estimator
-        given = {"u": u, "t": t, "dt": dt}
-        self.free_ = clone(estimator).fit(X, y, **given)
-        data = self.free_._known(X, **given)
+        given = {"X": X, "y": y, "u": u, "t": t, "dt": dt}
+        self.free_ = clone(estimator).fit(**given)
+        data = self.free_._known(X, u=u, t=t, dt=dt)
         began = time.perf_counter()
         deadline = began + self.time_limit
         outside = undefined(self.free_.model_) if self.scope == "global" and self.select is None else ()
@@ -141,10 +141,10 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             # are exactly zero, which no interior point has: where no certificate is found, the equation is fitted, too
             known = self.free_.velocities == "auto" and bool(self.free_.velocities_)
             first = began + KNOWN_SHARE * self.time_limit if known else deadline
-            found = None if outside else self._final(X, y, given, data, self.table_, first)
+            found = None if outside else self._final(given, data, self.table_, first)
             given_up = known and found is not None and found[0] is None
             if given_up:
-                found = self._final(X, y, given, data, self.table_, deadline, keeps=False)
+                found = self._final(given, data, self.table_, deadline, keeps=False)
         self.velocities_ = {} if given_up else self.free_.velocities_
         result, history, chosen = found or (None, (), Choice(None, self.free_.ridge_))
         seconds = time.perf_counter() - began
@@ -155,9 +155,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
 
     def _final(
         self,
-        X: Any,
-        y: Any,
-        given: dict[str, Any],
+        given: Mapping[str, Any],
         data: Trajectories,
         table: tuple[Candidate, ...],
         deadline: float,
@@ -173,7 +171,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             fitted = self.free_
             if not keeps or choice.functions not in (None, self._dictionary):
                 again = estimator_with(self.free_, choice.functions or self._dictionary)
-                fitted = (again if keeps else again.set_params(velocities=None)).fit(X, y, **given)
+                fitted = (again if keeps else again.set_params(velocities=None)).fit(**given)
             result, lines = self._certified(fitted, choice.ridge, data, deadline)
             history += lines
             if result is not None or time.perf_counter() > deadline:

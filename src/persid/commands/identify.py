@@ -38,7 +38,7 @@ from persid.commands.options import (
     talking,
     where,
 )
-from persid.commands.outputs import run_outputs
+from persid.commands.outputs import Asked, run_outputs
 
 if TYPE_CHECKING:
     from persid.measurements.recordings import Measurements
@@ -102,7 +102,9 @@ def run(
         raise click.UsageError("give --states, or --outputs where the state was not measured")
     if outputs is not None:
         fit_options(how)
-        return run_outputs(data, outputs, unmeasured, how, time_limit, output, _command(), talk, test)
+        fitting = {**unmeasured, "time_limit": time_limit}
+        wanted = Asked(data, tuple(test), {**how, "states": outputs}, fitting, _command())
+        return run_outputs(wanted, output, talk)
     if unmeasured:
         raise click.UsageError(f"--{next(iter(unmeasured)).replace('_', '-')} goes with --outputs")
     usual = domain == "global" and operating_point is None and u_op is None

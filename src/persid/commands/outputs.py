@@ -1,7 +1,7 @@
 """What `persid run --outputs` does: a certified model of a system of which only inputs and outputs are measured."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,18 @@ if TYPE_CHECKING:
     from persid.reports.output_runs import OutputScores
 
 
-def run_outputs(
-    files: tuple[Path, ...], outputs: list[str], chosen: Mapping[str, Any],
-    reading: Mapping[str, Any], time_limit: float, folder: Path, command: str, talk: Talk, test: Sequence[Path] = (),
-) -> int:  # fmt: skip
+@dataclass(frozen=True)
+class Asked:
+    """What a command asks for: files to fit, files kept from the fit, how to read both, and how to fit."""
+
+    files: tuple[Path, ...]
+    test: tuple[Path, ...]
+    reading: Mapping[str, Any]
+    options: Mapping[str, Any]
+    command: str
+
+
+def run_outputs(asked: Asked, folder: Path, talk: Talk) -> int:
     """Fit, certify and report; return the exit code of the verdict."""
     from persid.certified_fits.outputs import OutputIdentifier
     from persid.measurements.opening import files_of
@@ -27,23 +35,23 @@ def run_outputs(
     from persid.reports.results import Results
     from persid.verdicts.summary import summarize
 
-    how = {**reading, "states": outputs}
-    options = {name: value for name, value in chosen.items() if name != "foh"}
-    options["hold"] = "foh" if chosen.get("foh") else "zoh"
+    options = {name: value for name, value in asked.options.items() if name != "foh"}
+    options["hold"] = "foh" if asked.options.get("foh") else "zoh"
     with talk.progress() as progress, kept(folder) as keep:
         progress("reading the measurements")
-        found = files_of(list(files))
-        unfitted = files_of(list(test)) if test else []
-        measured = read_measurements(found, **how)
-        unseen = read_measurements(unfitted, **how) if unfitted else None
-        fit = OutputIdentifier(**options, time_limit=time_limit).fit(measured, progress=progress)
+        found = files_of(list(asked.files))
+        unfitted = files_of(list(asked.test)) if asked.test else []
+        measured = read_measurements(found, **asked.reading)
+        unseen = read_measurements(unfitted, **asked.reading) if unfitted else None
+        fit = OutputIdentifier(**options).fit(measured, progress=progress)
         keep(fit.model_)
         verdict = uninterrupted(fit.verdict_)
         report = fit.report_
         notes = [*report.remarks, *(["The search was interrupted; this is the best so far."] * report.interrupted)]
         compared = {"candidates": [asdict(one) for one in report.candidates], "notes": notes, "unseen": bool(unfitted)}
         progress("drawing the report")
-        record = Record(command, sources(unfitted or found), how, None, verdict.attempts, versions(), compared)
+        seen = sources(unfitted or found)
+        record = Record(asked.command, seen, asked.reading, None, verdict.attempts, versions(), compared)
         proof = write_folder(folder, Results(fit.model_, verdict, unseen or measured, record))
     brief = summarize(verdict)
     paths = {

@@ -56,16 +56,27 @@ def lsoda_steps(
     span: tuple[float, float],
     rtol: float,
     atol: float,
+    band: int | None = None,
 ) -> Iterator[LSODA]:
-    """Yield LSODA's solver after each of its steps over a span of time, in s; right sides are cut off at `HUGE`."""
+    """Yield LSODA's solver after each of its steps over a span of time, in s; right sides are cut off at `HUGE`.
+
+    `band`: how far from its diagonal the derivative of the right side has entries; None is everywhere.
+    """
 
     def guarded(s: float, y: ndarray) -> ndarray:
         return np.asarray(np.clip(rate(s, y), -HUGE, HUGE))
 
-    solver = LSODA(guarded, span[0], x, span[1], rtol=rtol, atol=atol)
+    solver = LSODA(guarded, span[0], x, span[1], rtol=rtol, atol=atol, lband=band, uband=band)
     while solver.status == "running":
         solver.step()
         yield solver
+
+
+def passed(solver: LSODA, t: Float[ndarray, " N"], k: int) -> Float[ndarray, "k n"]:
+    """Return the states at those of the times t[k:] that the solver's last step has passed."""
+    reached = int(np.searchsorted(t, solver.t, side="right"))
+    states: ndarray = solver.dense_output()(t[k:reached]).T if reached > k else np.empty((0, len(solver.y)))
+    return states
 
 
 def has_left(solver: LSODA | RK45, cap: float) -> bool:
@@ -170,8 +181,6 @@ class _Solver:
                 return np.concatenate(states), End(diverged_at=float(solver.t))
             if solver.status == "failed" or still >= STANDSTILL or self.budget <= 0:
                 return np.concatenate(states), End(stopped_at=float(solver.t))
-            reached = int(np.searchsorted(t, solver.t, side="right"))
-            if reached > k:
-                states.append(solver.dense_output()(t[k:reached]).T)
-                k = reached
+            states.append(passed(solver, t, k))
+            k += len(states[-1])
         return np.concatenate(states), End()

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from numpy import ndarray
-from scipy.integrate import solve_ivp
 
 import persid as ps
 from persid import plots
 from persid.identification.free_runs import Score, free_run_score
+from persid.models.integration import lsoda_steps, passed
 from persid.reports.figures import Drawing
 from persid.reports.record import versions
 from persid.studies.parts import Parts
@@ -76,8 +76,10 @@ def heat(reading: str, step: str, size: int) -> ps.Trajectories:
         d = 0.1 * np.where(left, np.sin(s) * np.cos(2 * s), np.cos(s) * np.sin(2 * s))
         return np.asarray(np.diff(padded, 2) / dx**2 + middle * signal(s) + f + d)
 
-    found = solve_ivp(rate, (0, END), np.sin(y) - 0.7, "LSODA", t_eval=t, rtol=1e-8, atol=1e-10, lband=1, uband=1)
-    return ps.Trajectories.from_arrays(found.y.T, signal(t), t=t)
+    states = [np.sin(y)[None] - 0.7]
+    for solver in lsoda_steps(rate, states[0][0], (0.0, END), rtol=1e-8, atol=1e-10, band=1):
+        states.append(passed(solver, t, sum(map(len, states))))
+    return ps.Trajectories.from_arrays(np.concatenate(states), signal(t), t=t)
 
 
 def signal(t: Any) -> Any:

@@ -181,9 +181,28 @@ def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
     )
 
 
+class _Arrow(NamedTuple):
+    """The Gauss-Newton sums of models over parameters and every record's x0: blocks H, side, corner; sums g, g0."""
+
+    H: Float[ndarray, "*K p p"]
+    side: Float[ndarray, "*K records p n"]
+    corner: Float[ndarray, "*K records n n"]
+    g: Float[ndarray, "*K p"]
+    g0: Float[ndarray, "*K records n"]
+
+
+class _Linear(NamedTuple):
+    """What one model's step needs: its sums, (W, V, O) by its parameters, the pieces' starts by (W, V, O) and by x0."""
+
+    sums: _Arrow
+    D: Float[ndarray, "p d"]
+    reach: Float[ndarray, "S n d"]
+    own: Float[ndarray, "S n n"]
+
+
 def fitted(task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None = None) -> Fit:
     """Take Levenberg-Marquardt steps, at most so many for each model; `fit` is updated in place and returned."""
-    fresh: dict[int, tuple[ndarray, ...]] = {}
+    fresh: dict[int, _Linear] = {}
     for _ in range(steps):
         active = np.flatnonzero(~fit.ended)
         if not len(active):
@@ -198,7 +217,7 @@ def fitted(task: Task, fit: Fit, steps: int, tell: Callable[[Fit], None] | None 
     return fit
 
 
-def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple[ndarray, ...]]) -> None:
+def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, _Linear]) -> None:
     """Compute the normal equations in w of the chosen models."""
     if not len(chosen):
         return
@@ -214,24 +233,16 @@ def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, tuple[nd
     H, g = D @ H @ np.swapaxes(D, 1, 2), (D @ g[..., None])[..., 0]
     side = D[:, None] @ found.side / count
     for i, k in enumerate(chosen):
-        fresh[int(k)] = (
-            H[i],
-            side[i],
-            found.corner[i] / count,
-            g[i],
-            found.g0[i] / count,
-            D[i],
-            found.reach[i],
-            found.own[i],
-        )
+        sums = _Arrow(H[i], side[i], found.corner[i] / count, g[i], found.g0[i] / count)
+        fresh[int(k)] = _Linear(sums, D[i], found.reach[i], found.own[i])
 
 
-def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray, ...]]) -> Bool[ndarray, " active"]:
+def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, _Linear]) -> Bool[ndarray, " active"]:
     """Try one damped step of every active model; return which of them were taken."""
-    H, side, corner, g, g0, D, reach, own = (
-        np.array(part) for part in zip(*(fresh[int(k)] for k in active), strict=True)
-    )
-    dw, dx0 = _steps(_Arrow(H, side, corner, g, g0), fit.damping[active], task.parameters.free)
+    known = [fresh[int(k)] for k in active]
+    sums = _Arrow(*(np.array(part) for part in zip(*(one.sums for one in known), strict=True)))
+    D, reach, own = (np.array([getattr(one, name) for one in known]) for name in ("D", "reach", "own"))
+    dw, dx0 = _steps(sums, fit.damping[active], task.parameters.free)
     batch = replace(fit.batch[active], w=fit.batch.w[active] + dw, x0=fit.batch.x0[active] + dx0)
     dtheta = (dw[:, None] @ D)[:, 0]
     shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
@@ -250,16 +261,6 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, tuple[ndarray
     fit.failed[refused] += 1
     fit.ended |= (fit.small >= PATIENCE) | (fit.failed >= RETRIES)
     return better
-
-
-class _Arrow(NamedTuple):
-    """The Gauss-Newton sums of K models over parameters and every record's x0: blocks H, side, corner; sums g, g0."""
-
-    H: Float[ndarray, "K p p"]
-    side: Float[ndarray, "K records p n"]
-    corner: Float[ndarray, "K records n n"]
-    g: Float[ndarray, "K p"]
-    g0: Float[ndarray, "K records n"]
 
 
 def _steps(

@@ -1,6 +1,7 @@
 """Latent models that are stable by construction: every parameter gives a model with a proof, with P = I."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -123,11 +124,12 @@ def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n
     for _ in range(200):
         T = np.full(q, tau)
         M = 0.1 * T / fast
-        U = _share(shape, L, A, R, np.zeros((n, q)), M, T)
+        one = _Model(A, np.zeros((n, q)), R, M, T)
+        U = _share(shape, L, one)
         if not q or np.linalg.norm(U, 2) < 0.7:
             break
         tau *= 0.7
-    return _flat(A, L, R, M, T, U)
+    return _flat(L, one, U)
 
 
 def parameters_under(
@@ -141,8 +143,9 @@ def parameters_under(
         ValueError: A + A' + kappa is not negative.
     """
     L, M = _root(shape, A), np.maximum(M, TINY * M.max(initial=TINY))
-    left, size, right = np.linalg.svd(_share(shape, L, A, R, A1, M, T), full_matrices=False)
-    return _flat(A, L, R, M, T, (left * np.minimum(size, NEAR)) @ right)
+    one = _Model(A, A1, R, M, T)
+    left, size, right = np.linalg.svd(_share(shape, L, one), full_matrices=False)
+    return _flat(L, one, (left * np.minimum(size, NEAR)) @ right)
 
 
 def _root(shape: Shape, A: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
@@ -152,17 +155,27 @@ def _root(shape: Shape, A: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
     return np.asarray((V * np.sqrt(w)) @ V.T)
 
 
-def _share(
-    shape: Shape, L: ndarray, A: ndarray, R: ndarray, A1: ndarray, M: Float[ndarray, " q"], T: Float[ndarray, " q"]
-) -> Float[ndarray, "n q"]:
+class _Model(NamedTuple):
+    """A model x' = A x + A1 f(R x) with its multipliers."""
+
+    A: Float[ndarray, "n n"]
+    A1: Float[ndarray, "n q"]
+    R: Float[ndarray, "q n"]
+    M: Float[ndarray, " q"]
+    T: Float[ndarray, " q"]
+
+
+def _share(shape: Shape, L: Float[ndarray, "n n"], one: _Model) -> Float[ndarray, "n q"]:
     """Return U with Delta = U chol(KEPT S)': below 1 in norm where M and T prove the model."""
+    A, A1, R, M, T = one
     G = R @ R.T
     S = 2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + shape.kappa * M[:, None] * G * M
     Delta = np.linalg.solve(L, A @ (R.T * M) - R.T * T - A1)
     return np.asarray(Delta @ np.linalg.inv(np.sqrt(KEPT) * np.linalg.cholesky(S).T))
 
 
-def _flat(A: ndarray, L: ndarray, R: ndarray, M: ndarray, T: ndarray, U: ndarray) -> Float[ndarray, " p"]:
+def _flat(L: Float[ndarray, "n n"], one: _Model, U: Float[ndarray, "n q"]) -> Float[ndarray, " p"]:
+    A, _, R, M, T = one
     w, V = np.linalg.eigh(np.eye(len(R)) - U.T @ U)
     X, J = U @ (V / np.sqrt(w)) @ V.T, (A - A.T) / 2
     low = np.tril_indices(len(A), -1)

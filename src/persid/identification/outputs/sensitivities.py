@@ -1,6 +1,6 @@
 """Free runs of many pieces and many models side by side, and their exact derivatives by every parameter."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -127,11 +127,11 @@ def normal(latent: Latent, pieces: Pieces, run: Run, substeps: int) -> Normal:
     """Return the Gauss-Newton sums over all fitted samples."""
     K, S = len(latent.W), run.states.shape[-1]
     models = max(1, LANES // S)
-    found = [_joined(latent[k : k + models], pieces, run, substeps, slice(k, k + models)) for k in range(0, K, models)]
-    return Normal(*(np.concatenate(parts, 0) for parts in zip(*found, strict=True)))
+    found = [_some(latent[k : k + models], pieces, run, substeps, slice(k, k + models)) for k in range(0, K, models)]
+    return Normal(*(np.concatenate([getattr(one, part.name) for one in found]) for part in fields(Normal)))
 
 
-def _joined(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slice) -> tuple[ndarray, ...]:
+def _some(latent: Latent, pieces: Pieces, run: Run, substeps: int, models: slice) -> Normal:
     """Return the sums of some models: of blocks of pieces, then of all of them with their starts chained."""
     S = run.states.shape[-1]
     blocks = [_block(latent, pieces, run, substeps, models, slice(s, s + LANES)) for s in range(0, S, LANES)]
@@ -234,7 +234,7 @@ class _Sums(NamedTuple):
     drift: Float[ndarray, "K n d S"]
 
 
-def _chained(pieces: Pieces, sums: _Sums) -> tuple[ndarray, ...]:
+def _chained(pieces: Pieces, sums: _Sums) -> Normal:
     """Return the sums over the parameters and every record's first state, the pieces' starts being what they are.
 
     A start depends on (W, V) by E and on its record's first state by F: E, F are 0, 1 at the first piece and carried on
@@ -262,4 +262,6 @@ def _chained(pieces: Pieces, sums: _Sums) -> tuple[ndarray, ...]:
         np.swapaxes(F, 2, 3) @ g0[..., None],
     )
     sides, corners, firsts = (np.moveaxis(np.add.reduceat(part, pieces.starts, 0), 0, 1) for part in ends)
-    return H, sides, corners, g, firsts[..., 0], np.moveaxis(flow, 0, 1), np.moveaxis(E, 0, 1), np.moveaxis(F, 0, 1)
+    return Normal(
+        H, sides, corners, g, firsts[..., 0], np.moveaxis(flow, 0, 1), np.moveaxis(E, 0, 1), np.moveaxis(F, 0, 1)
+    )
