@@ -74,11 +74,13 @@ def deliver(
     progress: Callable[[str], None] | None = None,
     select: str | None = None,
     price: float | int = PRICE,
+    rate: float | int | None = None,
 ) -> Delivery:
     """Keep a free fit that is certified globally; else compare it with a fit under the certificate on unseen data.
 
     The certified fit is delivered where its error on held-out data is at most `price` times the free fit's. With
-    select="auto" its functions are selected under the certificate, and it is made in any case.
+    select="auto" its functions are selected under the certificate, and it is made in any case. `rate` (1/s) is as for
+    `certify`.
     """
     if select is None and isinstance(verdict, Certified) and verdict.certificate.scope == "global":
         scores = trial(free, None, data).free
@@ -89,20 +91,25 @@ def deliver(
     compared = comparison(fit.report_, type(verdict).__name__.lower())
     if not isinstance(fit.verdict_, Certified):
         scores = trial(free, None, data).free
-        return Delivery(free.model_, about_named_point(free.model_, verdict, limit, progress), compared, scores, scores)
+        own = about_named_point(free.model_, verdict, limit, progress, rate)
+        return Delivery(free.model_, own, compared, scores, scores)
     judged = trial(free, fit, data, limit)
     left = max(time_limit - (time.perf_counter() - began), RATING)
     if judged.price is not None and judged.price <= price:
         compared |= {"free_model": free.model_.to_dict(), "price": judged.price}
-        proved = rated(fit.model_, fit.verdict_, left, progress)
+        proved = rated(fit.model_, fit.verdict_, left, progress, rate)
         return Delivery(fit.model_, proved, compared, judged.certified, judged.free)
     beside = Alternative(fit.model_, fit.verdict_, judged.price)
-    own = about_named_point(free.model_, verdict, left, progress)
+    own = about_named_point(free.model_, verdict, left, progress, rate)
     return Delivery(free.model_, own, compared | {"price": judged.price}, judged.free, judged.free, beside)
 
 
 def about_named_point(
-    model: PersidskiiModel, verdict: Verdict, time_limit: float | int, progress: Callable[[str], None] | None = None
+    model: PersidskiiModel,
+    verdict: Verdict,
+    time_limit: float | int,
+    progress: Callable[[str], None] | None = None,
+    rate: float | int | None = None,
 ) -> Verdict:
     """Return the verdict, or that of the region about the named equilibrium where only global stability is out.
 
@@ -110,7 +117,7 @@ def about_named_point(
     """
     if isinstance(verdict, Certified) or (isinstance(verdict, Refuted) and verdict.witness.kind != SEVERAL):
         return verdict
-    found = certify(model, domain="data", time_limit=time_limit, progress=progress)
+    found = certify(model, domain="data", rate=rate, time_limit=time_limit, progress=progress)
     return found if isinstance(found, Certified) else verdict
 
 

@@ -55,20 +55,27 @@ KNOWN_SHARE = 0.25  # of the time limit, in which equations of velocities stay k
 
 
 def rated(
-    model: PersidskiiModel, verdict: Certified, time_limit: float | int, progress: Callable[[str], None] | None = None
+    model: PersidskiiModel,
+    verdict: Certified,
+    time_limit: float | int,
+    progress: Callable[[str], None] | None = None,
+    rate: float | int | None = None,
 ) -> Certified:
     """Return the verdict with a rate and a gain, or in a region with a larger rate, where that is found; else as given.
+
+    `rate` (1/s) is one that is asked for, as by `certify`.
 
     The multipliers of a fit are those of its data's best model, at the edge of what can be certified; for that model
     `certify` finds larger rates and smaller gains.
     """
     regional = verdict.certificate.scope == "regional"
-    found = certify(model, domain="data" if regional else "global", time_limit=time_limit, progress=progress)
+    domain = "data" if regional else "global"
+    found = certify(model, domain=domain, rate=rate, time_limit=time_limit, progress=progress)
     if not isinstance(found, Certified) or found.certificate.claim != ("region" if regional else "rate-and-gain"):
         return verdict
     if (found.certificate.rate or 0.0) <= (verdict.certificate.rate or 0.0):
         return verdict
-    return Certified(found.certificate, verdict.attempts + found.attempts)
+    return replace(found, attempts=verdict.attempts + found.attempts)
 
 
 class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types

@@ -48,7 +48,8 @@ if TYPE_CHECKING:
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    gains: str, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
+    rate: float | None, gains: str, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool,
+    quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
@@ -65,7 +66,7 @@ def certify(
     """
     talk = Talk(as_json, quiet)
     targets = _targets(models, output)
-    asked = {**question(operating_point, u_op, domain, time_limit), "gains": gains}
+    asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains}
     subjects = [read_model(models[0])] if len(models) == 1 else list(models)
     for target in targets:
         refuse_unwritable(target)
@@ -73,7 +74,7 @@ def certify(
         verdicts = _verdicts(subjects, asked, jobs, engine, scheduler, progress)
     found, rows, codes = [], [], []
     for path, verdict, target in zip(models, verdicts, targets, strict=True):
-        facts, lines, code = _told(path, verdict, target, explain)
+        facts, lines, code = _told(path, verdict, target, explain, rate)
         found.append({"model": str(path), **facts})
         rows += [("model", str(path)), *lines]
         codes.append(code)
@@ -98,7 +99,9 @@ def _verdicts(
     return certify_many(subjects, engine=chosen, jobs=jobs, scheduler=scheduler, progress=progress, **asked)
 
 
-def _told(path: Path, verdict: Any, target: Path, explain: bool) -> tuple[dict[str, Any], list[tuple[str, str]], int]:
+def _told(
+    path: Path, verdict: Any, target: Path, explain: bool, rate: float | None
+) -> tuple[dict[str, Any], list[tuple[str, str]], int]:
     """Write what a verdict proves; return it for programs, for people, and as an exit code."""
     from persid.verdicts.batches import Failed, was_interrupted
     from persid.verdicts.summary import summarize
@@ -114,7 +117,7 @@ def _told(path: Path, verdict: Any, target: Path, explain: bool) -> tuple[dict[s
         facts["gains"] = named_gains(verdict)
     if explain:
         facts["attempts"] = [attempt.to_dict() for attempt in verdict.attempts]
-    rows = [*verdict_rows(verdict), *(attempt_rows(verdict) if explain else [])]
+    rows = [*verdict_rows(verdict, rate), *(attempt_rows(verdict) if explain else [])]
     what = " (proves the reason; stability is not refuted)" if written and brief.verdict == "undecided" else ""
     return facts, [*rows, ("file", f"{written}{what}" if written else "none written")], EXIT[brief.verdict]
 

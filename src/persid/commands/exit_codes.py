@@ -96,10 +96,12 @@ def uninterrupted(verdict: Any) -> Any:
     return verdict
 
 
-def question(operating_point: Any, u_op: Any, domain: str, time_limit: float | int) -> dict[str, Any]:
+def question(
+    operating_point: Any, u_op: Any, domain: str, time_limit: float | int, rate: float | None = None
+) -> dict[str, Any]:
     """Return the arguments of `persid.verdicts.certify`."""
     point = "auto" if operating_point is None else operating_point
-    return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit}
+    return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit, "rate": rate}
 
 
 def attempt_rows(verdict: Any) -> list[tuple[str, str]]:
@@ -127,7 +129,16 @@ def _rate(rate: float) -> str:
     return f"{below(rate if unit == 's' else math.nextafter(rate * SECONDS[unit], 0))} 1/{unit}"
 
 
-def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
+def _best(verdict: Any, asked: float | None) -> list[str]:
+    """Return the best proved rate beside that of the certificate, and whether one that was asked for is beyond it."""
+    rate, best = verdict.certificate.rate, verdict.best_rate
+    if asked is not None and best < asked:
+        return [f"a rate of {_rate(asked)} was asked for; the best proved rate is {_rate(best)}"]
+    return [f"best proved rate {_rate(best)}, with a larger gain (--rate)"] if best > rate else []
+
+
+def verdict_rows(verdict: Any, asked: float | None = None) -> list[tuple[str, str]]:
+    """Return the row of a verdict with its proved numbers; `asked` is the rate in 1/s that was asked for."""
     from persid._text import above
     from persid.verdicts.summary import summarize, unrated
 
@@ -143,6 +154,7 @@ def verdict_rows(verdict: Any) -> list[tuple[str, str]]:
             bounds = [f"rate {_rate(brief.rate)}, gain of {gains}"]
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
+        bounds += [] if brief.rate is None else _best(verdict, asked)
         named = {} if brief.gain is None else named_gains(verdict)
         if len(set(named.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 @talking
 def run(
     *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
-    domain: str, time_limit: float, select: str | None, price: float, test: tuple[Path, ...],
+    domain: str, time_limit: float, rate: float | None, select: str | None, price: float, test: tuple[Path, ...],
     output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
@@ -102,6 +102,8 @@ def run(
         raise click.UsageError("give --states, or --outputs where the state was not measured")
     if outputs is not None:
         fit_options(how)
+        if rate is not None:
+            raise click.UsageError("--rate goes with --states; with --outputs give --min-rate")
         fitting = {**unmeasured, "time_limit": time_limit}
         wanted = Asked(data, tuple(test), {**how, "states": outputs}, fitting, _command())
         return run_outputs(wanted, output, talk)
@@ -122,10 +124,11 @@ def run(
         progress("identifying the model")
         fit = _identify(given, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)
-        asked = question(operating_point, u_op, domain, time_limit)
+        asked = question(operating_point, u_op, domain, time_limit, rate)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
+        shared: dict[str, Any] = {"time_limit": time_limit, "progress": progress, "rate": rate}
         made = (
-            deliver(fit, verdict, given, time_limit=time_limit, progress=progress, select=select, price=price)
+            deliver(fit, verdict, given, select=select, price=price, **shared)
             if usual
             else Delivery(fit.model_, verdict, scores=trial(fit, None, given).free)
         )
@@ -149,8 +152,8 @@ def run(
     report = fit.report_
     rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
     beside = cautions(verdict, made.scores, measured, made.model)
-    rows += [*_remarks(report), *advice_rows(diagnosis), *verdict_rows(verdict), *(("but", doubt) for doubt in beside)]
-    rows += [*alternative_rows(made), *list(files.items())[1:]]
+    rows += [*_remarks(report), *advice_rows(diagnosis), *verdict_rows(verdict, rate)]
+    rows += [*(("but", doubt) for doubt in beside), *alternative_rows(made), *list(files.items())[1:]]
     said = {
         "caution": "; ".join(beside) or None,
         "fits": (made.comparison or {}).get("fits"),
@@ -224,8 +227,8 @@ def identify(
 @talking
 def bootstrap(
     *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, count: int, seed: int, operating_point: Any,
-    u_op: Any, domain: str, time_limit: float, jobs: int, engine: str, scheduler: str | None, output: Path,
-    as_json: bool, quiet: bool, **how: Any,
+    u_op: Any, domain: str, time_limit: float, rate: float | None, jobs: int, engine: str, scheduler: str | None,
+    output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Refit to resampled measurements: the share of refits that is certified, and the spread of rates and gains.
 
@@ -248,7 +251,7 @@ def bootstrap(
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, **chosen)
         where: dict[str, Any] = {"engine": None if engine == "processes" and jobs == 1 else engine, "jobs": jobs}
-        asked = question(operating_point, u_op, domain, time_limit)
+        asked = question(operating_point, u_op, domain, time_limit, rate)
         found = batches.bootstrap(fit, count, seed=seed, scheduler=scheduler, progress=progress, **where, **asked)
     content = batches.figures(found, fit)
     output.parent.mkdir(parents=True, exist_ok=True)

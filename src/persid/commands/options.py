@@ -279,6 +279,13 @@ batching = together(
                  help="Where they are decided."),
     click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786."),
 )  # fmt: skip
+
+
+def _per_second(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    """Return a rate in 1/s that was given in the unit of time of the command."""
+    return None if value is None else value / SECONDS[ctx.meta.get(TIME_UNIT, "s")]
+
+
 proving = together(
     click.option("--operating-point", type=Numbers(),
                  help="State near the equilibrium that is meant; by default the one nearest to x_ref."),
@@ -287,8 +294,11 @@ proving = together(
                  help="Ask for all states first, or for a region in the box of the data only."),
     click.option("--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True,
                  help="Seconds for each verdict."),
+    click.option("--rate", type=click.FloatRange(min=0, min_open=True), callback=_per_second,
+                 help="A rate that the proof is to have at least, in 1/s or per --time-unit, with the smallest gain "
+                      "that is found; by default about half of the best one that is proved."),
     click.option("--time-unit", type=click.Choice(list(SECONDS)), default="s", show_default=True, expose_value=False,
-                 callback=lambda ctx, param, value: ctx.meta.__setitem__(TIME_UNIT, value),
+                 is_eager=True, callback=lambda ctx, param, value: ctx.meta.__setitem__(TIME_UNIT, value),
                  help="Unit of time of the rate that is printed; files and --json stay in s."),
 )  # fmt: skip
 simulating = together(

@@ -39,6 +39,11 @@ class Question:
         return found if found.status is Status.FEASIBLE else None
 
 
+def kappa(outcome: Outcome) -> float:
+    """Return the rate of decay of V, in 1/s, that an outcome shows."""
+    return outcome.assembly.unknowns.target.kappa
+
+
 def best_rate(question: Question, fastest: float, left: Callable[[], float]) -> Outcome | None:
     """Return an outcome whose kappa is within a few percent of the largest that the pools certify.
 

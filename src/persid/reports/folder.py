@@ -15,8 +15,8 @@ def write_folder(output: Path, results: Results, beside: Any = None) -> str:
 
     The certified model that was not delivered goes into a folder of its own.
     """
-    stale = [layout.CERTIFICATE, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE, f"{layout.FIGURES}/*.png"]
-    with delivery(output, [*stale, f"{layout.ALTERNATIVE}/*.json"]) as stage:
+    proofs = [layout.CERTIFICATE, layout.FASTEST, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE]
+    with delivery(output, [*proofs, f"{layout.FIGURES}/*.png", f"{layout.ALTERNATIVE}/*.json"]) as stage:
         results.model.save(stage / layout.MODEL)
         proof = write_verdict(stage, results.verdict, results.model)
         if results.record is not None:

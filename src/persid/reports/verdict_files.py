@@ -12,7 +12,7 @@ from persid.errors import FolderError, RejectedError
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, companion
-from persid.reports.layout import CERTIFICATE, INFEASIBLE, MODEL, OBSTRUCTION, WITNESS
+from persid.reports.layout import CERTIFICATE, FASTEST, INFEASIBLE, MODEL, OBSTRUCTION, WITNESS
 from persid.reports.objects import read_object, write_object
 from persid.verdicts.checking import load_certificate
 from persid.verdicts.verdict import Attempt, Certified, Refuted, Undecided, Verdict
@@ -24,6 +24,8 @@ def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | Outpu
     """Write certificate.json, witness.json or obstruction.json, whichever the verdict calls for; return its name."""
     if isinstance(verdict, Certified):
         verdict.certificate.save(folder / CERTIFICATE)
+        if verdict.fastest is not None:
+            verdict.fastest.save(folder / FASTEST)
         return CERTIFICATE
     if isinstance(verdict, Undecided):
         proof = INFEASIBLE if verdict.obstruction else None
@@ -43,7 +45,8 @@ def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: t
         FolderError: there is none, the checker does not accept it, or it speaks of another model.
     """
     if (folder / CERTIFICATE).is_file():
-        return Certified(_proof(folder / CERTIFICATE, model, load_certificate), attempts)
+        fastest = _proof(folder / FASTEST, model, _stability) if (folder / FASTEST).is_file() else None
+        return Certified(_proof(folder / CERTIFICATE, model, load_certificate), attempts, fastest)
     if (folder / WITNESS).is_file():
         return Refuted(_proof(folder / WITNESS, model, _witness), attempts)
     if not (folder / OBSTRUCTION).is_file():
@@ -59,7 +62,7 @@ def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: t
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
 
 
-Proof = TypeVar("Proof", Certificate | NetworkCertificate, Witness, Obstruction | NetworkObstruction)
+Proof = TypeVar("Proof", Certificate | NetworkCertificate, Certificate, Witness, Obstruction | NetworkObstruction)
 
 
 def _proof(path: Path, model: PersidskiiModel | OutputModel, read: Callable[[Path], Proof]) -> Proof:
@@ -70,6 +73,13 @@ def _proof(path: Path, model: PersidskiiModel | OutputModel, read: Callable[[Pat
         raise FolderError(f"{path}: {error}") from None
     if proof.content["model_sha256"] != model.sha256:
         raise FolderError(f"{path}: it speaks of another model than {MODEL}; run persid run again")
+    return proof
+
+
+def _stability(path: Path) -> Certificate:
+    proof = load_certificate(path)
+    if not isinstance(proof, Certificate):
+        raise FolderError(f"{path}: it is no certificate of a rate; run persid run again")
     return proof
 
 

@@ -22,7 +22,7 @@ from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log, Progress
-from persid.verdicts.searches import margin, rate_and_gain, settled
+from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
@@ -36,6 +36,7 @@ def certify(
     u_op: Any = None,
     domain: Any = "global",
     gains: str = "joint",
+    rate: float | int | None = None,
     time_limit: float | int = 60.0,
     progress: Progress | None = None,
 ) -> Verdict:
@@ -52,6 +53,9 @@ def certify(
         domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
         gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
             where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
+        rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
+            not proved, the best one that is, which verdict.best_rate tells. The gain is smallest at about half of that
+            one: the default. A weighted l1 norm has the rate that it has.
         time_limit: seconds after which the search stops with what it has; with 0 nothing is simulated either.
         progress: is called with a line of text at each step.
 
@@ -76,6 +80,8 @@ def certify(
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
+    if rate is not None and not (np.isfinite(rate) and rate > 0):
+        raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
     log = Log(float(time_limit), progress or (lambda line: None))
     near, box = _near(dynamics, operating_point), _box(dynamics, domain)
     u = dynamics.u_ref if u_op is None else vector("u_op", u_op, dynamics.m)
@@ -84,7 +90,7 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            return _decide(_Asked(dynamics, near, u, box, gains == "each", outputs), log)
+            return _decide(_Asked(dynamics, near, u, box, gains == "each", rate, outputs), log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
@@ -93,7 +99,8 @@ def certify(
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A question: the model at input u near a state (None: x_ref), in a box (None: globally), a gain for each input.
+    """A question: the model at input u near a state (None: x_ref), in a box (None: globally), a gain for each input, a
+    rate (None: half of the best one).
 
     With `outputs` these are bounded where a certificate has a rate.
     """
@@ -103,6 +110,7 @@ class _Asked:
     u: ndarray
     box: ndarray | None
     each: bool
+    rate: float | int | None
     outputs: OutputModel | None = None
 
 
@@ -123,8 +131,8 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
         return verdict
     box = asked.model.domain if asked.box is None else asked.box
     regional = verdict if box is None else _regional(asked, points, box, log)
-    if isinstance(regional, Certificate):
-        return Certified(regional, tuple(log.attempts))
+    if isinstance(regional, Certified):
+        return regional
     failure = verdict or regional or stopped(Status.TIME)
     if points and isinstance(regional, Failure) and failure.reason is Reason.OUTSIDE:  # a region was asked for
         failure = regional
@@ -187,7 +195,7 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             log.best = answer
-            return Certified(_rated(asked, setting, kind == "full", answer, log), tuple(log.attempts))
+            return _rated(asked, setting, kind == "full", answer, log)
         failure = answer
     if log.left() > 0:
         found = _by_weights(asked, log)
@@ -214,23 +222,36 @@ def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
     return ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
 
 
-def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certificate, log: Log) -> Certificate:
-    """Return a certificate with rate and gain where there is one and time for it, else the one given.
+def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certificate, log: Log) -> Certified:
+    """Return the verdict by a certificate with rate and gain where there is one and time for it, else by the one given.
 
     Up to a size P is full there even if a diagonal one shows stability: rate and gain then are the same in all
     orthogonal coordinates.
     """
     if certificate.stated.drops_states or setting.model.n > RATED_STATES or log.left() <= 0:
-        return certificate
+        return Certified(certificate, tuple(log.attempts))
     with log.attempt(RATED) as outcome:
         full_P = full_P or 1 < setting.model.n <= FULL_RATED_STATES
-        find = partial(rate_and_gain, full_P=full_P, each=asked.each, log=log)
-        answer, _ = settled(setting, find, log, asked.outputs)
+        find = partial(rate_and_gain, full_P=full_P, rate=asked.rate, each=asked.each, log=log)
+        answer, setting = settled(setting, find, log, asked.outputs)
         outcome.append(_word(answer))
-    return answer if isinstance(answer, Certificate) else certificate
+    if isinstance(answer, Certificate):
+        return _beside_the_best(asked, setting, answer, log)
+    return Certified(certificate, tuple(log.attempts))
 
 
-def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, log: Log) -> Certificate | Failure:
+def _beside_the_best(asked: _Asked, setting: Setting, certificate: Certificate, log: Log) -> Certified:
+    """Return the verdict by a certificate with a rate, and beside it the proof of the best rate that was found."""
+    log.best, found = certificate, None
+    with log.attempt("the best rate") as outcome:
+        answer, _ = settled(setting, partial(fastest, log=log), log, asked.outputs)
+        outcome.append(_word(answer))
+    if isinstance(answer, Certificate) and (answer.rate or 0.0) > (certificate.rate or 0.0):
+        found = answer
+    return Certified(certificate, tuple(log.attempts), found)
+
+
+def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, log: Log) -> Certified | Failure:
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
     first: Failure | None = None  # of the equilibrium that was asked about, the nearest one
     for point in points:
@@ -243,11 +264,11 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
         setting = Setting.of(asked.model, point, box)
         for kind in _kinds(asked.model):
             with log.attempt(f"region in the box, {kind} P") as outcome:
-                find = partial(rate_and_gain, full_P=kind == "full", each=asked.each, log=log)
+                find = partial(rate_and_gain, full_P=kind == "full", rate=asked.rate, each=asked.each, log=log)
                 tried, setting = settled(setting, find, log, asked.outputs)
                 outcome.append(_word(tried))
             if isinstance(tried, Certificate):
-                return tried
+                return _beside_the_best(asked, setting, tried, log)
             failure = tried
         first = first or failure
     return first or Failure(Reason.OUTSIDE, words.NOT_INSIDE)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from persid.certificates.certificate import Certificate
+from persid.lyapunov.multipliers import Lyapunov
 from persid.verdicts.verdict import Attempt
 
 Progress = Callable[[str], None]
@@ -19,6 +20,7 @@ class Log:
     progress: Progress
     attempts: list[Attempt] = field(default_factory=list)
     best: Certificate | None = None  # what an interruption leaves
+    fastest: Callable[[], Lyapunov] | None = None  # returns that of the best rate that was found
     began: float = field(default_factory=lambda: time.perf_counter())
 
     def left(self) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
-from persid.lyapunov.rates import Question, best_rate, smallest_gain
+from persid.lyapunov.rates import Question, best_rate, kappa, smallest_gain
 from persid.lyapunov.search import search
 from persid.lyapunov.shifted_model import Setting
 from persid.models.outputs import OutputModel
@@ -22,7 +23,8 @@ from persid.verdicts.log import Log
 from persid.verdicts.verdict import Reason
 from persid_check.prover import prove_radially_unbounded
 
-RATE_SHARE = 0.5  # the gain is made small at this share of the best rate
+RATE_SHARE = 0.5  # the gain is made small at this share of the best rate, where no larger one is asked for
+ABOVE = 1 + 1e-6  # times a rate that is asked for: the file carries it rounded
 
 Find = Callable[[Setting], Lyapunov | Failure]
 
@@ -85,10 +87,12 @@ def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
     return stopped(found.status)
 
 
-def rate_and_gain(setting: Setting, full_P: bool, each: bool, log: Log) -> Lyapunov | Failure:
-    """Return a Lyapunov function of nearly the best rate times RATE_SHARE, its gain made small at that rate.
+def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each: bool, log: Log) -> Lyapunov | Failure:
+    """Return a Lyapunov function of at least a rate (1/s), its gain made small; that of the best rate goes to the log.
 
-    In a box V is bounded from below in the shape of the box; with `each`, every input has a gain of its own.
+    The gain is smallest at about half of the best rate: of x' = -a x + u it is 1/sqrt(kappa (2a - kappa)). So that half
+    is taken unless more is asked for. In a box V is bounded from below in the shape of the box; with `each`, every
+    input has a gain of its own.
     """
     J = setting.jacobian
     if not np.isfinite(J).all():
@@ -106,9 +110,20 @@ def rate_and_gain(setting: Setting, full_P: bool, each: bool, log: Log) -> Lyapu
         system, setting.pools, setting.upper, setting.below, full_P, None if reach is None else 1 / reach**2
     )
     best = best_rate(question, fastest, log.left)
+    asked = 2 * (rate or 0.0) * ABOVE
+    if (0.0 if best is None else kappa(best)) < asked <= fastest:  # bisection has left a few percent
+        best = question.ask(asked, None, best, log.left) or best
     if best is None:
         if log.left() > 0 and reach is not None:
             return Failure(Reason.NOT_FOUND, words.SMALLER)
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    gentle = smallest_gain(question, RATE_SHARE * best.assembly.unknowns.target.kappa, best, log.left) or best
+    aim = min(max(RATE_SHARE * kappa(best), asked), kappa(best))
+    gentle = smallest_gain(question, aim, best, log.left) or best
+    log.fastest = partial(choose, best.assembly, best.solution.y, setting.lower, units)
     return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
+
+
+def fastest(_: Setting, log: Log) -> Lyapunov | Failure:
+    """Return the Lyapunov function of the best rate that was found, once: nothing is searched anew."""
+    make, log.fastest = log.fastest, None
+    return stopped(Status.TIME) if make is None else make()

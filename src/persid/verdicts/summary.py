@@ -20,6 +20,7 @@ NO_PLANT = (
 class Summary:
     """A verdict in brief. `rate` in 1/s and `gain` (state units over input units) are those of the certificate.
 
+    `best_rate` in 1/s is the best one that is proved, by this certificate or by another one with a larger gain.
     `output_gains` are those of the outputs of an output model, in their own units, in place of `gain`.
     `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
     """
@@ -34,6 +35,7 @@ class Summary:
     seconds: float
     evidence: Json | None = None
     output_gains: dict[str, float] | None = None
+    best_rate: float | None = None
 
     def to_dict(self) -> Json:
         """Return the object that `--json` prints."""
@@ -53,7 +55,7 @@ def summarize(verdict: Verdict) -> Summary:
         if isinstance(certificate, Certificate) and certificate.output_gains is not None:
             named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
         claim, scope = certificate.claim, certificate.scope
-        return Summary(name, claim, scope, point, None, rate, gain, seconds, output_gains=named)
+        return Summary(name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate)
     evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
 

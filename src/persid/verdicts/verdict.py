@@ -90,6 +90,9 @@ class _Verdict:
 class Certified(_Verdict):
     """The model is input-to-state stable: `certificate` is a proof that `persid_check` has accepted.
 
+    `fastest` is another one, of the best rate that was proved: a smaller rate buys a smaller gain. None where
+    `certificate` has that rate itself, or where none is proved.
+
     Examples:
         >>> verdict = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]]))
         >>> isinstance(verdict, ps.Certified)
@@ -98,9 +101,15 @@ class Certified(_Verdict):
 
     certificate: Certificate | NetworkCertificate
     attempts: tuple[Attempt, ...] = ()
+    fastest: Certificate | None = None
 
     def __str__(self) -> str:
         return f"Certified: {self.certificate.statement}"
+
+    @property
+    def best_rate(self) -> float | None:
+        """The best proved rate in 1/s, that of `fastest` or of the certificate; None where there is none."""
+        return self.certificate.rate if self.fastest is None else self.fastest.rate
 
     @property
     def headline(self) -> str:
@@ -114,7 +123,8 @@ class Certified(_Verdict):
         proof = self.certificate
         rate = [] if proof.rate is None else [("rate, 1/s", below(proof.rate))]
         gain = [] if proof.gain is None else [("gain", above(proof.gain))]
-        return [("claim", proof.claim), *rate, *gain]
+        best = [] if self.fastest is None else [("best proved rate, 1/s", below(self.best_rate or 0.0))]
+        return [("claim", proof.claim), *rate, *best, *gain]
 
 
 @dataclass(frozen=True, eq=False)
