@@ -315,7 +315,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         """Return, for every sample, the state one step later (all runs one below the other)."""
         check_is_fitted(self, "model_")
         data = self.free_._known(X, u, t, dt)
-        return np.concatenate([freerun.one_step(self.model_.rhs, run, self.free_.hold) for run in data])
+        return np.concatenate([freerun.one_step(self.model_, run, self.free_.hold) for run in data])
 
     def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
         """Simulate the model from x0; see the model's."""

@@ -13,9 +13,11 @@ from persid.measurements.boxes import box_of, reach, widths
 from persid.measurements.moments import Moments, row_moments
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
+from persid.models.model import PersidskiiModel
+from persid.models.recursion import refuse_other_steps
 from persid.models.steps import runge_kutta
 
-Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u
+Rate = Callable[[ndarray, ndarray], ndarray]  # x' from x and u, or the state one step later
 
 STILL = 1e-12  # a state that moves by less than this share of its size is at rest
 MOST_SUBSTEPS = 8
@@ -116,17 +118,27 @@ def input_signal(t: ndarray, u: ndarray, hold: str) -> Any:
     return lambda s: np.array([np.interp(s, t, column) for column in u.T])
 
 
-def one_step(rhs: Rate, run: Trajectory, hold: str, substeps: int = 2) -> Float[ndarray, "N n"]:
-    """Predict, for every sample, the state one step later (the last step is taken as long as the one before it)."""
+def one_step(model: PersidskiiModel, run: Trajectory, hold: str, substeps: int = 2) -> Float[ndarray, "N n"]:
+    """Predict, for every sample, the state one step later (the last step is taken as long as the one before it).
+
+    A model in discrete time takes its own step, and `substeps` plays no part.
+    """
+    if model.dt is not None:
+        refuse_other_steps(run.t, model.dt)
     h = np.diff(run.t, append=2 * run.t[-1] - run.t[-2])[:, None]
     after = run.u if hold == "zoh" else np.vstack([run.u[1:], run.u[-1:]])
     with np.errstate(all="ignore"):
-        moved = _advance(rhs, run.x, h, run.u, after, substeps)
+        moved = _advance(model.rhs, run.x, h, run.u, after, 0 if model.is_discrete else substeps)
     return np.asarray(np.nan_to_num(moved, nan=0.0, posinf=1e300, neginf=-1e300))
 
 
 def _advance(rhs: Rate, x: ndarray, h: ndarray, before: ndarray, after: ndarray, substeps: int) -> ndarray:
-    """Take one sample step of length h by classical Runge-Kutta, the input going linearly from `before` to `after`."""
+    """Take one sample step of length h by classical Runge-Kutta, the input going linearly from `before` to `after`.
+
+    Without substeps the right side is the state one step later itself.
+    """
+    if not substeps:
+        return np.asarray(rhs(x, before))
     d = h / substeps
     for k in range(substeps):
         u0, u1 = (before + (after - before) * (j / substeps) for j in (k, k + 1))
@@ -189,6 +201,10 @@ def restarted(
     Runge-Kutta steps are halved until that changes nothing that counts; a stiff model is followed piece by piece.
     """
     batch = _Batch.of(pieces, hold, record.box)
+    if model.is_discrete:
+        for piece in pieces:
+            refuse_other_steps(piece.t, model.dt)
+        return batch.free(model.rhs, 0)
     size = np.where(record.deviation > 0, record.deviation, 1.0)
     coarse, lost = batch.free(model.rhs, 1)
     for substeps in FINER:

@@ -315,7 +315,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other)."""
         data = self._known(X, u, t, dt)
-        return np.concatenate([freerun.one_step(self.model_.rhs, run, self.hold) for run in data])
+        return np.concatenate([freerun.one_step(self.model_, run, self.hold) for run in data])
 
     def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
         """Simulate the model from x0; a blow-up ends the run, with its time in s in `diverged_at`. See the model's."""
@@ -356,7 +356,7 @@ def _tail_scores(
     if held is None or solution.held_out is None:
         return None, None, (), None
     model = problem.basis.model(solution.held_out)
-    ahead = [freerun.one_step(model.rhs, run, hold)[:-1] for run in held]
+    ahead = [freerun.one_step(model, run, hold)[:-1] for run in held]
     after = np.concatenate([run.x[1:] for run in held])
     guess = np.concatenate(ahead)
     free = freerun.free_run_score(model, held, hold)

@@ -1,4 +1,7 @@
-"""Operating points: equilibria of a model for a constant input, found by Newton's method and proved by the checker."""
+"""Operating points: equilibria of a model for a constant input, found by Newton's method and proved by the checker.
+
+In discrete time they are fixed points, the zeros of x+ - x.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -102,6 +105,18 @@ def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m
     return None if ball is None else OperatingPoint(x, float(ball), u)
 
 
+def residual(
+    model: PersidskiiModel, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None
+) -> Float[ndarray, "*N n"]:
+    """Return what vanishes exactly where the model rests: x', or x+ - x in discrete time."""
+    return model.rhs(x, u) - x if model.is_discrete else model.rhs(x, u)
+
+
+def residual_slopes(model: PersidskiiModel, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
+    """Return the derivatives of `residual` by x."""
+    return model.jacobian(x) - np.eye(model.n) if model.is_discrete else model.jacobian(x)
+
+
 def usual_box(model: PersidskiiModel) -> Float[ndarray, "n 2"]:
     """Return the box of the data, or one of a few natural units of the functions where the model has none."""
     if model.domain is not None:
@@ -129,24 +144,24 @@ def _newton(model: PersidskiiModel, start: ndarray, u: ndarray, units: ndarray) 
     """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method in the given units, then polish by Newton steps."""
     from scipy.optimize import root
 
-    if not model.rhs(start, u).any():  # exactly at rest, where the Jacobian may be singular, as that of -x**3 at 0
+    if not residual(model, start, u).any():  # at rest, where slopes may be singular, as those of -x**3 at 0
         return start
 
     def flow(v: ndarray) -> ndarray:
-        return _bounded(model.rhs(units * v, u) / units)
+        return _bounded(residual(model, units * v, u) / units)
 
     def slopes(v: ndarray) -> ndarray:
-        return _bounded(model.jacobian(units * v) * units / units[:, None])
+        return _bounded(residual_slopes(model, units * v) * units / units[:, None])
 
     x = units * root(flow, start / units, jac=slopes).x
     try:
         for _ in range(3):
-            x = x - np.linalg.solve(model.jacobian(x), model.rhs(x, u))
+            x = x - np.linalg.solve(residual_slopes(model, x), residual(model, x, u))
     except np.linalg.LinAlgError:
         return None
-    residual = np.abs(model.rhs(x, u) / units).max()
-    size = np.abs(model.jacobian(x) * units / units[:, None]).max() * np.abs((x - model.x_ref) / units).max()
-    return x if residual <= 1e-9 * (1 + size) < np.inf else None  # neither NaN nor infinity is an equilibrium
+    left = np.abs(residual(model, x, u) / units).max()
+    size = np.abs(residual_slopes(model, x) * units / units[:, None]).max() * np.abs((x - model.x_ref) / units).max()
+    return x if left <= 1e-9 * (1 + size) < np.inf else None  # neither NaN nor infinity is an equilibrium
 
 
 def _bounded(values: ndarray) -> ndarray:

@@ -72,6 +72,21 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarra
     return array
 
 
+def clock(time: Any, dt: Any, sparse: bool) -> float | None:
+    """Return the step in s of a model in discrete time, None in continuous time, or say what is needed."""
+    if time not in ("continuous", "discrete"):
+        raise ModelError(f'time is {time!r}; choose "continuous" or "discrete"')
+    if time == "continuous":
+        if dt is not None:
+            raise ModelError(f'dt = {dt!r} is the step of a model in discrete time; give time="discrete", or no dt')
+        return None
+    if sparse:
+        raise ModelError("a model in discrete time has no sparse matrices; give them filled in")
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < np.inf:
+        raise ModelError(f"dt is {dt!r}; a model in discrete time needs the length of its step in s, above 0")
+    return float(dt)
+
+
 def distinct_names(what: str, given: Sequence[str], count: int) -> tuple[str, ...]:
     """Return so many different names, or say what is needed."""
     if len(given) != count or len(set(given)) != count or not all(isinstance(name, str) for name in given):
@@ -115,6 +130,8 @@ def plain_model(form: Mapping[str, Any]) -> dict[str, Any]:
     for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
         data[name] = _numbers(data[name])
     data["terms"] = [{"f": t["f"], "R": _numbers(t["R"]), "A": _numbers(t["A"])} for t in data["terms"]]
+    if "dt" in data:
+        data["dt"] = _numbers(data["dt"])
     return data
 
 

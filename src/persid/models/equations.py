@@ -22,6 +22,8 @@ def equations(model: PersidskiiModel | OutputModel, form: str = "text", digits: 
         >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
         >>> print(ps.equations(model))
         d(x1)/dt = -1 x1 - 1 x1**3 + 1 u1
+        >>> print(ps.equations(ps.PersidskiiModel(A0=[[0.5]], B=[[1.0]], time="discrete", dt=0.1)))
+        x1[k+1] = 0.5 x1 + 1 u1
     """
     field = (model.dynamics if isinstance(model, OutputModel) else model).field
     seen = model.equation if isinstance(model, OutputModel) else None

@@ -15,7 +15,7 @@ _NUMBER = re.compile(r"(?<![\w.])\d+\.\d{7,}(?:[eE][+-]?\d+)?")  # what nobody t
 
 def lines(field: VectorField, seen: OutputEquation | None, form: str, digits: int) -> list[str]:
     """Return one equation a state, and one an output, as "text" or "latex" with rounded numbers."""
-    left = [_left(name, form) for name in field.states]
+    left = [left_side(field, name, form) for name in field.states]
     found = [_line(name, _products(field, i, form, digits), digits) for i, name in enumerate(left)]
     return [*found, *([] if seen is None else _output_lines(seen, form, digits))]
 
@@ -38,7 +38,10 @@ def _line(left: str, products: Sequence[tuple[float, str]], digits: int) -> str:
     return f"{left} = {text or '0'}"
 
 
-def _left(name: str, form: str) -> str:
+def left_side(field: VectorField, name: str, form: str = "text") -> str:
+    """Return the left side of the equation of a state: its derivative, or the state after one step."""
+    if field.dt is not None:
+        return f"{_tex(name) if form == 'latex' else name}[k+1]"
     return rf"\dot{{{_tex(name)}}}" if form == "latex" else f"d({name})/dt"
 
 

@@ -24,8 +24,7 @@ def equation(model: PersidskiiModel, state: int, digits: int = 4) -> tuple[str, 
 
     Terms are elements of their own, since browsers break lines between them but not inside one.
     """
-    name = f'<mi>d</mi><mspace width=".12em"/>{_name(model.states[state])}'
-    rate = f"<mfrac><mrow>{name}</mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
+    rate = _left(model, state)
     found: list[str] = []
     for weight, what in _products(model, state):
         sign = (_MINUS if found else _NEGATIVE) if weight < 0 else (_PLUS if found else "")
@@ -34,10 +33,18 @@ def equation(model: PersidskiiModel, state: int, digits: int = 4) -> tuple[str, 
     return _math(f'<mstyle displaystyle="true">{rate}</mstyle><mo>=</mo>'), tuple(found) or (_math("<mn>0</mn>"),)
 
 
+def _left(model: PersidskiiModel, state: int) -> str:
+    name = _name(model.states[state])
+    if model.is_discrete:
+        return f"<mrow>{name}<mo>[</mo><mi>k</mi><mo>+</mo><mn>1</mn><mo>]</mo></mrow>"
+    above = f'<mi>d</mi><mspace width=".12em"/>{name}'
+    return f"<mfrac><mrow>{above}</mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
+
+
 def counts(model: PersidskiiModel) -> Int[ndarray, " n"]:
     """Return the number of terms of each equation."""
     channels = model.channels
-    parts = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]])
+    parts = np.hstack([channels.A0, channels.columns, model.B, model.field.b[:, None]])
     return np.asarray(np.count_nonzero(parts, axis=1))
 
 
@@ -54,7 +61,7 @@ def _products(model: PersidskiiModel, i: int) -> list[tuple[float, str]]:
         found.append((float(a), _function(f.program, _argument(model, row)) if a else ""))
     forced = zip(model.B[i], model.inputs, model.u_ref, strict=True)
     found += [(float(a), _shifted(name, float(r))) for a, name, r in forced]
-    return [(a, what) for a, what in [*found, (float(model.b[i]), "")] if a != 0]
+    return [(a, what) for a, what in [*found, (float(model.field.b[i]), "")] if a != 0]
 
 
 def _name(name: str) -> str:

@@ -1,4 +1,4 @@
-"""PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b."""
+"""PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b, or x+ - x_ref in place of x'."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +19,7 @@ from persid.measurements.trajectories import Trajectories
 from persid.models import sparse as columns
 from persid.models.arguments import (
     check_kinds,
+    clock,
     dimension,
     distinct_names,
     finite_array,
@@ -47,14 +48,18 @@ class PersidskiiModel:
 
     Matrices of a large network (A0, each A and R, B) may be SciPy sparse ones; they are kept as `csc_array`.
     `domain` is the box of the data, one (lo, hi) per state, or None; `provenance` is never used in a proof.
+    With time="discrete" the right side is x+ - x_ref, where x+ is the state one step of `dt` s later.
 
     Raises:
-        ModelError: shapes do not fit, a number is not finite, or a function is not of the grammar.
+        ModelError: shapes do not fit, a number is not finite, a function is not of the grammar, or discrete time has no
+            step dt > 0 or a sparse matrix.
 
     Examples:
         >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
         >>> model.rhs(np.array([2.0]), np.array([0.5]))
         array([-9.5])
+        >>> ps.PersidskiiModel(A0=[[0.5]], B=[[1.0]], time="discrete", dt=0.1).rhs(np.array([2.0]))
+        array([1.])
     """
 
     A0: Float[ndarray, "n n"] | Sparse
@@ -67,6 +72,8 @@ class PersidskiiModel:
     inputs: tuple[str, ...]
     domain: Float[ndarray, "n 2"] | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+    time: str = "continuous"
+    dt: float | None = None
 
     def __init__(
         self,
@@ -81,6 +88,8 @@ class PersidskiiModel:
         inputs: Sequence[str] | None = None,
         domain: Any = None,
         provenance: Mapping[str, Any] | None = None,
+        time: str = "continuous",
+        dt: float | int | None = None,
     ) -> None:
         n = dimension(A0, terms, B)
         sparse = any(columns.is_sparse(part) for term in terms for part in matrices_of(term))
@@ -99,6 +108,8 @@ class PersidskiiModel:
             "inputs": distinct_names("inputs", inputs or [f"u{i + 1}" for i in range(m)], m),
             "domain": None if domain is None else finite_array("domain", domain, (n, 2)),
             "provenance": dict(provenance or {}),
+            "time": time,
+            "dt": clock(time, dt, sparse or columns.is_sparse(A0) or columns.is_sparse(B)),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -124,6 +135,11 @@ class PersidskiiModel:
     def m(self) -> int:
         """Number of inputs."""
         return len(self.inputs)
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether time goes in steps of `dt` s."""
+        return self.time == "discrete"
 
     @property
     def is_sparse(self) -> bool:
@@ -169,21 +185,28 @@ class PersidskiiModel:
 
     @cached_property
     def field(self) -> VectorField:
-        """The right side alone, as one value."""
+        """The right side alone, as one value; in discrete time it is x+ itself, its constant b + x_ref."""
         if self.is_sparse:
             return self.dense().field
-        return VectorField(self.channels, self.B, self.b, self.x_ref, self.u_ref, self.states, self.inputs)
+        b = self.b + self.x_ref if self.is_discrete else self.b
+        return VectorField(self.channels, self.B, b, self.x_ref, self.u_ref, self.states, self.inputs, self.dt)
 
     def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N n"]:
-        """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref."""
+        """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref.
+
+        In discrete time it is the state after one step, in state units.
+        """
         dx = np.asarray(x, float) - self.x_ref
-        dot = dx @ self.A0.T + self.b
+        dot = dx @ self.A0.T + (self.b + self.x_ref if self.is_discrete else self.b)
         for term in self.terms:
             dot = dot + term.values(dx) @ term.A.T
         return np.asarray(dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T)
 
     def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"] | Sparse:
-        """Return the matrix of derivatives of x' by x at one state, in 1/s; a sparse one for a sparse model."""
+        """Return the matrix of derivatives of x' by x at one state, in 1/s; a sparse one for a sparse model.
+
+        In discrete time they are those of the state after one step.
+        """
         dx = np.asarray(x, float) - self.x_ref
         J: Any = self.A0.copy()
         for term in self.terms:
@@ -202,12 +225,14 @@ class PersidskiiModel:
         A model that is too fast or too stiff to be followed ends with `stopped_at` set; nothing follows from that.
 
         x0 is one state (n,), or several (k, n), one run each. u is (N, m), held from each sample to the next, or a
-        function of t, or None for u_ref; all runs have the same.
+        function of t, or None for u_ref; all runs have the same. In discrete time t goes in steps of `dt`, and rtol and
+        atol play no part.
 
         Raises:
-            ModelError: x0, t or u has the wrong shape.
+            ModelError: x0, t or u has the wrong shape, or t other steps than the model.
         """
         from persid.models.integration import integrate
+        from persid.models.recursion import iterate, refuse_other_steps
 
         if self.is_sparse:
             return self.dense().simulate(x0, t, u, rtol=rtol, atol=atol)
@@ -220,11 +245,15 @@ class PersidskiiModel:
         if not (u is None or callable(u)):
             u = np.asarray(u, float)
             u = finite_array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
+        if self.dt is not None:
+            refuse_other_steps(t, self.dt)
+            return Trajectories(tuple(iterate(self.field, x, t, u) for x in starts), self.states, self.inputs)
         return Trajectories(tuple(integrate(self.field, x, t, u, rtol, atol) for x in starts), self.states, self.inputs)
 
     def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
         """Return rhs(t, x, u=None), x' for one state (n,) and input (m,), u = None meaning u_ref, for SciPy's solvers.
 
+        In discrete time it is the state after one step, for a loop of your own.
         With `jit` it is a Numba function, compiled at its first call (about 1 s), that other Numba code may call.
 
         Raises:
@@ -235,7 +264,7 @@ class PersidskiiModel:
         return to_callable(self.field, jit)
 
     def to_control(self, name: str | None = None) -> Any:
-        """Return a continuous-time control.NonlinearIOSystem with the model's names; its outputs are the states.
+        """Return a control.NonlinearIOSystem with the model's names and its time; its outputs are the states.
 
         Raises:
             ImportError: python-control is not installed; it comes with persid[interop].
@@ -245,7 +274,7 @@ class PersidskiiModel:
         return to_control(self.field, name)
 
     def to_sympy(self, exact: bool = False) -> Any:
-        """Return x' as a sympy.Matrix (n, 1) in symbols named like the states and inputs.
+        """Return x', or the state after one step, as a sympy.Matrix (n, 1) in symbols named like states and inputs.
 
         Numbers are SymPy Floats of the same 53 bits, or with `exact` the rational numbers that the binary64 are.
 
@@ -264,6 +293,8 @@ class PersidskiiModel:
 
     def to_casadi(self, name: str = "rhs") -> Any:
         """Return a casadi.Function (x, u) -> x_dot of scalar expressions (SX), to differentiate and optimise with.
+
+        In discrete time its output is x_next.
 
         Raises:
             ImportError: CasADi is not installed; it comes with persid[interop].
@@ -286,7 +317,7 @@ class PersidskiiModel:
             "b": self.b.tolist(),
             "domain": None if self.domain is None else self.domain.tolist(),
             "provenance": self.provenance,
-        }
+        } | ({"time": self.time, "dt": self.dt} if self.is_discrete else {})
 
     def compressed(self) -> Compressed:
         """Return the model's object without its numbers, and the arrays of these."""
@@ -316,7 +347,8 @@ class PersidskiiModel:
         if persid_check.sparse.is_sparse(data):
             return cls(**columns.load(data, folder))
         check_kinds(data)
-        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name != "format"}
+        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name not in ("format", "time")}
+        values["time"] = data.get("time", "continuous")
         n, m = len(data["states"]), len(data.get("inputs") or [])
         values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
         values["A0"] = np.zeros((n, n)) if values["A0"] is None else values["A0"]
@@ -352,7 +384,9 @@ class PersidskiiModel:
         return cls(**columns.arguments(found))
 
 
-_FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance")
+_FIELDS = (
+    "format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain", "provenance", "time", "dt"
+)  # fmt: skip
 
 
 def _filled(matrix: Any) -> Any:

@@ -63,7 +63,8 @@ class OutputModel:
         provenance: where the model comes from.
 
     Raises:
-        ModelError: shapes do not fit, a number is not finite, a function is not of the grammar, or names repeat.
+        ModelError: shapes do not fit, a number is not finite, a function is not of the grammar, names repeat, or the
+            dynamics are in discrete time.
 
     Examples:
         >>> dynamics = ps.PersidskiiModel(A0=[[0.0, 1.0], [-4.0, -1.0]], B=[[0.0], [1.0]])
@@ -98,6 +99,8 @@ class OutputModel:
         x_cov: Any = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
+        if dynamics.is_discrete:
+            raise ModelError("an output model has dynamics in continuous time; these go in steps")
         C = finite_array("C", C, (None, dynamics.n))
         count = len(C)
         if not count:

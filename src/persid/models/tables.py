@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from persid._html import table
-from persid.models.formulas import term_names
+from persid.models.formulas import left_side, term_names
 
 MOST_STATES, MOST_TERMS = 8, 40  # of a table of coefficients; a larger model is summed up
 LONG = 3  # names that are listed at either end of many
@@ -20,11 +20,11 @@ def of_model(model: Any) -> str:
         parts = [("states", model.states), ("inputs", model.inputs), ("functions", [*functions])]
         return table(caption, (), [(name, _list(part)) for name, part in parts])
     model = model.dense()
-    channels = model.channels
-    columns = np.hstack([channels.A0, channels.columns, model.B, model.b[:, None]]).T
-    pairs = zip(term_names(model.field), columns.tolist(), strict=True)
+    channels, field = model.channels, model.field
+    columns = np.hstack([channels.A0, channels.columns, model.B, field.b[:, None]]).T
+    pairs = zip(term_names(field), columns.tolist(), strict=True)
     rows = [(name, *(f"{value:.5g}" for value in row)) for name, row in pairs if any(row)]
-    return table(caption, ("term", *(f"d({name})/dt" for name in model.states)), rows)
+    return table(caption, ("term", *(left_side(field, name) for name in model.states)), rows)
 
 
 def of_output_model(model: Any) -> str:

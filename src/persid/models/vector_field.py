@@ -16,6 +16,7 @@ from persid.models.functions import layer
 class VectorField:
     """x' = A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)) + B (u - u_ref) + b, with the names of states and inputs.
 
+    With a step `dt` (s) the same right side is the state after one step.
     Paper: eq:main_system_Per.
     """
 
@@ -26,6 +27,7 @@ class VectorField:
     u_ref: Float[ndarray, " m"]
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+    dt: float | None = None
 
     @property
     def n(self) -> int:

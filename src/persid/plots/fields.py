@@ -8,8 +8,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
+from persid.lyapunov.operating_points import residual
 from persid.measurements.trajectory import Trajectory
-from persid.models.formulas import term_names
+from persid.models.formulas import left_side, term_names
 from persid.models.model import PersidskiiModel
 from persid.plots.style import FIELD, FORM, MEASURED, MODEL, short, thin_path, tidy
 
@@ -22,10 +23,10 @@ COLLINEAR = 0.99
 def vector_field(
     ax: Axes, model: PersidskiiModel, box: Any = None, states: Sequence[int] = (0, 1), centre: Any = None
 ) -> Axes:
-    """Draw the direction of x' for u = u_ref over two states, the others at `centre` (x_ref); not its size."""
+    """Draw the direction of x', or of x+ - x, for u = u_ref over two states, the others at `centre` (x_ref)."""
     X, Y, points = mesh(box_of(model, box), states, ARROWS, model.x_ref if centre is None else centre, 0.5 / ARROWS)
     with np.errstate(all="ignore"):
-        dot = np.nan_to_num(model.rhs(points)[:, list(states)], nan=0.0, posinf=1e150, neginf=-1e150)
+        dot = np.nan_to_num(residual(model, points)[:, list(states)], nan=0.0, posinf=1e150, neginf=-1e150)
     size = np.linalg.norm(np.clip(dot, -1e150, 1e150), axis=1)
     arrow = np.clip(dot, -1e150, 1e150) / np.where(size > 0, size, 1.0)[:, None]
     ax.quiver(X, Y, arrow[:, 0].reshape(X.shape), arrow[:, 1].reshape(X.shape), color=FIELD, angles="xy", pivot="mid",
@@ -64,7 +65,7 @@ def contributions(
     keep = keep[sizes[keep] > 0][::-1]
     ax.barh(np.arange(len(keep)), sizes[keep], color=MODEL, height=0.62)
     ax.set_yticks(np.arange(len(keep)), [short(names[k]) for k in keep])
-    ax.set_title(f"d({short(model.states[state])})/dt", fontsize="medium")
+    ax.set_title(left_side(model.field, short(model.states[state])), fontsize="medium")
     ax.set_xlabel("root mean square")
     tidy(ax).grid(axis="y", visible=False)
     return ax
@@ -110,7 +111,7 @@ def terms(
     """Return the names of the terms of one equation, and the root mean square of each over samples."""
     model = model.dense()
     channels = model.channels
-    weights = np.concatenate([channels.A0[state], channels.columns[state], model.B[state], model.b[[state]]])
+    weights = np.concatenate([channels.A0[state], channels.columns[state], model.B[state], model.field.b[[state]]])
     return term_names(model.field), np.abs(weights) * np.sqrt((_columns(model, x, u) ** 2).mean(axis=0))
 
 

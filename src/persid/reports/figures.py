@@ -167,7 +167,7 @@ def _other(beside: FreeRun | None) -> str:
 
 def residuals(model: PersidskiiModel, run: FreeRun) -> Drawing:
     """Draw what one-step predictions of a run leave over."""
-    left = run.measured.x[1:] - one_step(model.rhs, run.measured, "zoh")[:-1]
+    left = run.measured.x[1:] - one_step(model, run.measured, "zoh")[:-1]
     shown = model.states[:STATES]
     figure, axes = _stack(len(shown), 1.1)
     for i, (ax, name) in enumerate(zip(axes, shown, strict=True)):

@@ -229,7 +229,7 @@ def _one_step(model: Any, data: ps.Trajectories) -> float | None:
     if isinstance(model, OneStepRegressor):
         return None
     run = data[0]
-    return score(run.x[1:], one_step(model.model_.rhs, run, "paper", 20)[:-1]).rmse
+    return score(run.x[1:], one_step(model.model_, run, "paper", 20)[:-1]).rmse
 
 
 def _verdict(parts: Parts, label: str, size: Size) -> dict[str, Any]:

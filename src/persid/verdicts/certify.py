@@ -76,6 +76,8 @@ def certify(
     if outputs is not None:
         refuse_steep_maps(outputs)
     dynamics = model.dynamics if isinstance(model, OutputModel) else model
+    if dynamics.is_discrete:
+        raise ModelError("certify needs a model in continuous time; this one goes in steps")
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):

@@ -21,7 +21,7 @@ from persid.models.vector_field import VectorField
 
 
 def to_control(field: VectorField, name: str | None = None, seen: OutputEquation | None = None) -> Any:
-    """Return a continuous-time `control.NonlinearIOSystem`; its outputs are the states, or those of an output model."""
+    """Return a `control.NonlinearIOSystem`; its outputs are the states, or those of an output model."""
     control = library("control", "interop")
     rate = prepared(field)
     return control.nlsys(
@@ -31,7 +31,7 @@ def to_control(field: VectorField, name: str | None = None, seen: OutputEquation
         inputs=list(field.inputs) or 0,
         outputs=list(field.states if seen is None else seen.outputs),
         name=name,
-        dt=0,
+        dt=field.dt or 0,
     )
 
 
@@ -46,14 +46,19 @@ def outputs_to_sympy(seen: OutputEquation, exact: bool = False) -> Any:
 
 
 def to_equations(field: VectorField, seen: OutputEquation | None = None) -> list[Any]:
-    """Return one sympy.Eq a state, and one an output, in functions of t for the states; see `persid.equations`."""
+    """Return one sympy.Eq a state, and one an output, in functions of t, or of the step k, for the states."""
     sympy = library("sympy", "interop")
-    t = sympy.Symbol("t")
-    x, u = [sympy.Function(name)(t) for name in field.states], _symbols(field.inputs)
-    found = list(zip((symbol.diff(t) for symbol in x), _in_sympy(partial(right_side, field), x, u, False), strict=True))
+    t = sympy.Symbol("t") if field.dt is None else sympy.Symbol("k", integer=True)
+    names, u = [sympy.Function(name) for name in field.states], _symbols(field.inputs)
+    x = [name(t) for name in names]
+    left = [symbol.diff(t) for symbol in x] if field.dt is None else [name(t + 1) for name in names]
+    found = list(zip(left, _in_sympy(partial(right_side, field), x, u, False), strict=True))
     if seen is not None:
-        left = (sympy.Function(name)(t) for name in seen.outputs)
-        found += zip(left, _in_sympy(partial(output_side, seen), x, u, False), strict=True)
+        found += zip(
+            (sympy.Function(name)(t) for name in seen.outputs),
+            _in_sympy(partial(output_side, seen), x, u, False),
+            strict=True,
+        )
     return [sympy.Eq(*pair) for pair in found]
 
 
@@ -101,8 +106,8 @@ def prepared(field: VectorField) -> Callable[..., ndarray]:
 
 
 def to_casadi(field: VectorField, name: str = "rhs") -> Any:
-    """Return the `casadi.Function` (x, u) -> x_dot; see `PersidskiiModel.to_casadi`."""
-    return _in_casadi(field, name, {"x_dot": partial(right_side, field)})
+    """Return the `casadi.Function` (x, u) -> x_dot or x_next; see `PersidskiiModel.to_casadi`."""
+    return _in_casadi(field, name, {"x_dot" if field.dt is None else "x_next": partial(right_side, field)})
 
 
 def outputs_to_casadi(seen: OutputEquation, name: str = "model") -> Any:
