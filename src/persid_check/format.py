@@ -167,7 +167,7 @@ def _stability(subject: Subject, data: Mapping[str, Any]) -> Stability:
     size = model.n + len(model.channels)
     regional, rated = claim == "R", claim in ("E", "R")
     point = data["operating_point"]
-    diagonal, P = _P(data["P"], model.n)
+    diagonal, P = read_P(data["P"], model.n)
     return Stability(
         subject,
         None if point is None else _point("operating_point", point, model, None),
@@ -175,7 +175,7 @@ def _stability(subject: Subject, data: Mapping[str, Any]) -> Stability:
         diagonal,
         _group_proofs(data["groups"], subject, _group_fields(claim)),
         _dropped(data["dropped"], size),
-        _gamma(data["gamma"], model.m + (point is None and any(model.b))),
+        read_gamma(data["gamma"], model.m + (point is None and any(model.b))),
         read_dyadic("kappa", data["kappa"]) if rated else Fraction(0),
         read_dyadic("p", data["p"]) if rated else Fraction(0),
         _box(data["box"], model.n) if regional else (),
@@ -217,7 +217,7 @@ def _refutation(subject: Subject, data: Mapping[str, Any]) -> Refutation:
         kind,
         points,
         () if vector == "points" else read_dyadics(f"witness.{vector}", witness[vector], model.n),
-        _lower("witness.S", witness["S"], model.n) if "S" in witness else (),
+        read_lower("witness.S", witness["S"], model.n) if "S" in witness else (),
         read_dyadic("witness.sigma or offset", number),
         _factor("witness.T", witness["T"]) if "T" in witness else (),
     )
@@ -289,19 +289,22 @@ def read_dyadics(where: str, values: Any, size: int | None) -> tuple[Fraction, .
     return tuple(read_dyadic(f"{where}[{i}]", value) for i, value in enumerate(read_list(where, values, size)))
 
 
-def _lower(where: str, rows: Any, n: int) -> Lower:
+def read_lower(where: str, rows: Any, n: int) -> Lower:
+    """Return the lower rows of a symmetric matrix of order n."""
     return tuple(read_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, rows, n)))
 
 
-def _P(value: Any, n: int) -> tuple[bool, Lower]:
+def read_P(value: Any, n: int) -> tuple[bool, Lower]:
+    """Return whether P is diagonal, and its lower rows or its diagonal, one entry a row."""
     if isinstance(value, dict) and set(value) == {"diagonal"}:
         return True, tuple((entry,) for entry in read_dyadics("P.diagonal", value["diagonal"], n))
-    return False, _lower("P.lower", read_object("P", value, ("lower",))["lower"], n)
+    return False, read_lower("P.lower", read_object("P", value, ("lower",))["lower"], n)
 
 
-def _gamma(value: Any, width: int) -> Fraction | Lower:
+def read_gamma(value: Any, width: int) -> Fraction | Lower:
+    """Return one gain, or the lower rows of a matrix of them."""
     if isinstance(value, dict):
-        return _lower("gamma.lower", read_object("gamma", value, ("lower",))["lower"], width)
+        return read_lower("gamma.lower", read_object("gamma", value, ("lower",))["lower"], width)
     return read_dyadic("gamma", value)
 
 

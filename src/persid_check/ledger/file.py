@@ -16,9 +16,11 @@ from persid_check.format import (
     MAX_FACTOR_BITS,
     read_dyadic,
     read_dyadics,
+    read_gamma,
     read_index,
     read_list,
     read_object,
+    read_P,
     read_text,
 )
 from persid_check.ledger.lemmas import Cuts, positions
@@ -30,7 +32,6 @@ from persid_check.ledger.values import (
     Factor,
     Form,
     Ledger,
-    Lower,
     Output,
     Point,
     ProductForm,
@@ -72,7 +73,7 @@ def read_ledger(data: Any) -> Ledger:
     points = tuple(
         _point(f"points[{i}]", value, curves, model) for i, value in enumerate(_short("points", data["points"], 10000))
     )
-    diagonal, P = _P(data["P"], n)
+    diagonal, P = read_P(data["P"], n)
     return Ledger(
         claim,
         sha256,
@@ -84,7 +85,7 @@ def read_ledger(data: Any) -> Ledger:
         _facts(data["facts"], curves, points),
         diagonal,
         P,
-        _gamma(data["gamma"], v),
+        read_gamma(data["gamma"], v),
         tuple(_deviation(f"deviations[{j}]", value, n, entries + v) for j, value in _listed("deviations", data)),
         _dropped(data["dropped"], entries),
         _spanning(data["spanning"], curves, points),
@@ -305,22 +306,6 @@ def _deviation(where: str, value: Any, n: int, size: int) -> Deviation:
     return Deviation(
         columns, C, read_dyadic(f"{where}.s", value["s"]), _nonnegative(f"{where}.epsilon", value["epsilon"])
     )
-
-
-def _lower(where: str, rows: Any, n: int) -> Lower:
-    return tuple(read_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, rows, n)))
-
-
-def _P(value: Any, n: int) -> tuple[bool, Lower]:
-    if isinstance(value, dict) and set(value) == {"diagonal"}:
-        return True, tuple((entry,) for entry in read_dyadics("P.diagonal", value["diagonal"], n))
-    return False, _lower("P.lower", read_object("P", value, ("lower",))["lower"], n)
-
-
-def _gamma(value: Any, width: int) -> Fraction | Lower:
-    if isinstance(value, dict):
-        return _lower("gamma.lower", read_object("gamma", value, ("lower",))["lower"], width)
-    return read_dyadic("gamma", value)
 
 
 def _ball(value: Any, model: Model) -> Ball:
