@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._files import Json
 from persid.errors import DataError
 from persid.identification.estimators import estimator
 from persid.identification.gram import Gram
+from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.regressions import sparse_coefficients
 from persid.measurements.engines import Progress
 from persid.models.model import PersidskiiModel
@@ -65,7 +67,7 @@ class Bootstrap:
 
 
 def bootstrap(
-    fit: Any,
+    fit: PersidskiiIdentifier,
     count: int = 200,
     *,
     seed: int = 0,
@@ -113,7 +115,7 @@ def bootstrap(
     return Bootstrap(tuple(models[k] for k in done), tuple(answers[k] for k in done), coefficients, rates, gains)
 
 
-def _blocks(fit: Any) -> tuple[Gram, ...]:
+def _blocks(fit: PersidskiiIdentifier) -> tuple[Gram, ...]:
     grams = getattr(fit, "blocks_", ())
     if not grams:
         raise DataError("bootstrap needs a fitted PersidskiiIdentifier; call fit first")
@@ -136,7 +138,7 @@ def _resampled(grams: Sequence[Gram], draw: ndarray) -> Gram:
     return Gram(G, H, yy, rows, grams[0].basis, grams[0].structure)
 
 
-def figures(found: Bootstrap, fit: Any) -> dict[str, Any]:
+def figures(found: Bootstrap, fit: PersidskiiIdentifier) -> Json:
     """Return what a bootstrap found as an object for JSON; `coefficients` are those of the fit, one row a state."""
     spread = {
         what: dict(zip(map(str, QUANTILES), found.quantiles(what).tolist(), strict=True)) if len(values) else None

@@ -4,12 +4,13 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
 from persid.identification import free_runs as freerun
+from persid.identification.basis import Functions
+from persid.identification.identifier import PersidskiiIdentifier
 from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
 from persid.models.functions import scalar_function
@@ -136,10 +137,10 @@ def _reduced(functions: Dictionary) -> Iterator[Dictionary]:
                 yield (*functions[:i], rest, *functions[i + 1 :])
 
 
-def dictionary(functions: Sequence[Any], n: int) -> Dictionary:
+def dictionary(functions: Functions, n: int) -> Dictionary:
     """Return the functions of each of n states as an estimator was given them."""
     if all(isinstance(f, str) for f in functions):
-        return (tuple(functions),) * n
+        return (tuple(map(str, functions)),) * n
     return tuple(tuple(row) for row in functions)
 
 
@@ -152,11 +153,12 @@ def shown(functions: Dictionary, states: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def estimator_with(fitted: Any, functions: Dictionary) -> Any:
+def estimator_with(fitted: PersidskiiIdentifier, functions: Dictionary) -> PersidskiiIdentifier:
     """Return an unfitted estimator like a fitted one, with its ridge and other functions."""
     alike = len(set(functions)) == 1
     given = list(functions[0]) if alike else [list(row) for row in functions]
-    return clone(fitted).set_params(ridge=fitted.ridge_, holdout=0.0, functions=given)
+    alike_but: PersidskiiIdentifier = clone(fitted).set_params(ridge=fitted.ridge_, holdout=0.0, functions=given)
+    return alike_but
 
 
 def shortened(data: Trajectories) -> Trajectories:

@@ -1,8 +1,8 @@
 """Comparison: the free fit and the one under the certificate side by side."""
 
 from dataclasses import dataclass
-from typing import Any
 
+from persid._files import Json
 from persid.certified_fits.candidates import Candidate
 from persid.certified_fits.multistart import Line
 from persid.identification.free_runs import Score
@@ -60,7 +60,7 @@ def _candidate_text(row: Candidate) -> str:
     return f"  {', '.join(row.names)}; ridge {row.ridge:.1e}: {end}, {row.seconds:.1f} s"
 
 
-def comparison(report: CertifiedReport, verdict: str) -> dict[str, Any]:
+def comparison(report: CertifiedReport, verdict: str) -> Json:
     """Return both fits side by side in plain numbers, as `run.json` keeps them."""
     scores = (("free", report.free, verdict), ("under the certificate", report.certified, "certified"))
     fits = [

@@ -8,11 +8,12 @@ about as well. Otherwise the free model is delivered with its own verdict, and t
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+from persid._files import Json
 from persid.certified_fits.comparison import comparison
 from persid.certified_fits.identifier import RATING, CertifiedIdentifier, rated
 from persid.errors import DataError
+from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.scores import HeldOut, Record, Scores, held_out_scores, hold_out
 from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
@@ -43,7 +44,7 @@ class Delivery:
 
     model: PersidskiiModel
     verdict: Verdict
-    comparison: dict[str, Any] | None = None
+    comparison: Json | None = None
     scores: Scores | None = None
     free_scores: Scores | None = None
     alternative: Alternative | None = None
@@ -66,7 +67,7 @@ class Trial:
 
 
 def deliver(
-    free: Any,
+    free: PersidskiiIdentifier,
     verdict: Verdict,
     data: Trajectories,
     *,
@@ -121,7 +122,9 @@ def about_named_point(
     return found if isinstance(found, Certified) else verdict
 
 
-def trial(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, time_limit: float | int = 60.0) -> Trial:
+def trial(
+    free: PersidskiiIdentifier, fit: CertifiedIdentifier | None, data: Trajectories, time_limit: float | int = 60.0
+) -> Trial:
     """Fit both anew without the held-out part and score them there; without such a part, score them on what they saw.
 
     The strength of the ridge and the functions are those of the fits to all data, chosen by their own validation.
@@ -150,7 +153,7 @@ def _scores(model: PersidskiiModel, parts: HeldOut, record: Record, hold: str) -
     return held_out_scores(model, held, record, hold=hold, basis=parts.basis, before=parts.before)
 
 
-def _seen(free: Any, fit: CertifiedIdentifier | None, data: Trajectories, record: Record) -> Trial:
+def _seen(free: PersidskiiIdentifier, fit: CertifiedIdentifier | None, data: Trajectories, record: Record) -> Trial:
     models = [free.model_] if fit is None else [free.model_, fit.model_]
     scores = [held_out_scores(m, data, record, hold=free.hold, basis=UNSEEN_NONE, unseen=False) for m in models]
     return Trial(scores[0], scores[1] if fit is not None else None)

@@ -186,7 +186,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         return None, history, choice
 
     def _certified(
-        self, fitted: Any, ridge: float, data: Trajectories, deadline: float
+        self, fitted: PersidskiiIdentifier, ridge: float, data: Trajectories, deadline: float
     ) -> tuple[Result | None, tuple[Line, ...]]:
         history: tuple[Line, ...] = ()
         for demand in self._demands(fitted):
@@ -198,7 +198,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
                 return result, history
         return None, history
 
-    def _task(self, fitted: Any, ridge: float, demand: Demand, deadline: float) -> Task:
+    def _task(self, fitted: PersidskiiIdentifier, ridge: float, demand: Demand, deadline: float) -> Task:
         gram: Gram = fitted.gram_
         box = fitted.model_.domain
         provenance = fitted.model_.provenance | {"fitted_under": "certificate", "ridge": ridge}
@@ -211,7 +211,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             deadline, self.progress or (lambda line: None),
         )  # fmt: skip
 
-    def _demands(self, fitted: Any) -> Iterator[Demand]:
+    def _demands(self, fitted: PersidskiiIdentifier) -> Iterator[Demand]:
         """Yield what the inequality has to show: a gain needs some rate, and several are tried."""
         rate = 0.0 if self.min_rate is None else float(self.min_rate)
         if self.max_gain is None:
@@ -335,7 +335,7 @@ _UNDEFINED = (
 )
 
 
-def _fixed(fixed: Mapping[tuple[str, str], float | int] | None, fitted: Any) -> Float[ndarray, "p n"]:
+def _fixed(fixed: Mapping[tuple[str, str], float | int] | None, fitted: PersidskiiIdentifier) -> Float[ndarray, "p n"]:
     """Return the given coefficients as an array, NaN where none is given."""
     names, states = list(fitted.get_feature_names_out()), list(fitted.model_.states)
     array = np.full(fitted.gram_.H.shape, np.nan)

@@ -4,12 +4,17 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import TYPE_CHECKING
+
+from persid._files import Json
+
+if TYPE_CHECKING:
+    from persid.identification.advice import Advice, Diagnosis
 
 COMMANDS = ("run", "identify", "bootstrap")
 
 
-def advice_rows(diagnosis: Any) -> list[tuple[str, str]]:
+def advice_rows(diagnosis: "Diagnosis") -> list[tuple[str, str]]:
     """Return rows: what to try, the best first, and what the measurements tell."""
     from persid.identification.advice import said
 
@@ -20,7 +25,7 @@ def advice_rows(diagnosis: Any) -> list[tuple[str, str]]:
     return rows
 
 
-def advice_facts(diagnosis: Any) -> dict[str, Any]:
+def advice_facts(diagnosis: "Diagnosis") -> Json:
     """Return a diagnosis as one object for programs, with the commands to type."""
     content = {name: getattr(diagnosis, name) for name in ("r2", "error", "ahead", "tried")}
     for group in ("remedies", "findings"):
@@ -31,14 +36,14 @@ def advice_facts(diagnosis: Any) -> dict[str, Any]:
     return {"diagnosis": content}
 
 
-def after(diagnosis: Any, delay: Mapping[str, float]) -> Any:
+def after(diagnosis: "Diagnosis", delay: Mapping[str, float]) -> "Diagnosis":
     """Return a diagnosis of data whose inputs were delayed already: what is advised is the whole dead time."""
     if not delay:
         return diagnosis
     return replace(diagnosis, remedies=tuple(_after(one, delay) for one in diagnosis.remedies))
 
 
-def _after(one: Any, delay: Mapping[str, float]) -> Any:
+def _after(one: "Advice", delay: Mapping[str, float]) -> "Advice":
     if one.kind != "dead-time":
         return one
     more = {name: float(seconds) for name, _, seconds in (p.rpartition("=") for p in one.options[0][1].split(","))}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from persid._files import Json
 from persid.commands.console import Talk, complain
 from persid.commands.exit_codes import (
     DONE,
@@ -28,6 +29,8 @@ from persid.commands.options import FILE, NEW_FILE, batching, proving, talking
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
+    from persid.verdicts.batches import Answer
+    from persid.verdicts.verdict import Verdict
 
 
 @click.command()
@@ -64,14 +67,21 @@ def certify(
     Example:
       persid certify model.json -o certificate.json
     """
+    from persid.verdicts.batches import certify_many
+    from persid.verdicts.certify import certify as decide
+
     talk = Talk(as_json, quiet)
     targets = _targets(models, output)
     asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains}
-    subjects = [read_model(models[0])] if len(models) == 1 else list(models)
+    alone = read_model(models[0]) if len(models) == 1 else None
     for target in targets:
         refuse_unwritable(target)
     with talk.progress() as progress:
-        verdicts = _verdicts(subjects, asked, jobs, engine, scheduler, progress)
+        if alone is not None:
+            verdicts: Sequence[Answer] = [uninterrupted(decide(alone, progress=progress, **asked))]
+        else:
+            chosen = None if engine == "processes" and jobs == 1 else engine
+            verdicts = certify_many(models, engine=chosen, jobs=jobs, scheduler=scheduler, progress=progress, **asked)
     found, rows, codes = [], [], []
     for path, verdict, target in zip(models, verdicts, targets, strict=True):
         facts, lines, code = _told(path, verdict, target, explain, rate)
@@ -85,23 +95,9 @@ def certify(
     return next((code for code in (INTERRUPTED, REFUTED, WRONG, UNDECIDED) if code in codes), DONE)
 
 
-def _verdicts(
-    subjects: list[Any], asked: dict[str, Any], jobs: int, engine: str, scheduler: str | None, progress: Any
-) -> Sequence[Any]:
-    """Decide one model here, several by a batch."""
-    if len(subjects) == 1:
-        from persid.verdicts.certify import certify as decide
-
-        return [uninterrupted(decide(subjects[0], progress=progress, **asked))]
-    from persid.verdicts.batches import certify_many
-
-    chosen = None if engine == "processes" and jobs == 1 else engine
-    return certify_many(subjects, engine=chosen, jobs=jobs, scheduler=scheduler, progress=progress, **asked)
-
-
 def _told(
-    path: Path, verdict: Any, target: Path, explain: bool, rate: float | None
-) -> tuple[dict[str, Any], list[tuple[str, str]], int]:
+    path: Path, verdict: "Answer", target: Path, explain: bool, rate: float | None
+) -> tuple[Json, list[tuple[str, str]], int]:
     """Write what a verdict proves; return it for programs, for people, and as an exit code."""
     from persid.verdicts.batches import Failed, was_interrupted
     from persid.verdicts.summary import summarize
@@ -113,8 +109,8 @@ def _told(
         return brief.to_dict(), verdict_rows(verdict), INTERRUPTED
     written = _write_proof(verdict, read_model(path), target)
     facts = {**brief.to_dict(), "file": written}
-    if brief.gain is not None:
-        facts["gains"] = named_gains(verdict)
+    if gains := named_gains(verdict):
+        facts["gains"] = gains
     if explain:
         facts["attempts"] = [attempt.to_dict() for attempt in verdict.attempts]
     rows = [*verdict_rows(verdict, rate), *(attempt_rows(verdict) if explain else [])]
@@ -147,7 +143,7 @@ def check(certificate: Path, model: Path | None, explain: bool, as_json: bool, q
     if isinstance(answer, persid_check.Accepted):
         rows = [("verdict", f"{name}, claim {answer.claim}"), ("statement", answer.statement)]
         rows += [("steps", "\n".join(answer.steps))] if answer.steps else []
-        content: dict[str, Any] = {"claim": answer.claim, "statement": answer.statement, "steps": list(answer.steps)}
+        content: Json = {"claim": answer.claim, "statement": answer.statement, "steps": list(answer.steps)}
     else:
         rows = [("verdict", name), ("where", answer.where), ("why", answer.why)]
         content = {"where": answer.where, "why": answer.why}
@@ -165,14 +161,15 @@ def _targets(models: Sequence[Path], output: Path) -> list[Path]:
     return [output.with_name(name) for name in names]
 
 
-def _write_proof(verdict: Any, model: "PersidskiiModel | OutputModel", target: Path) -> str | None:
+def _write_proof(verdict: "Verdict", model: "PersidskiiModel | OutputModel", target: Path) -> str | None:
     """Write the proof of a verdict and return its path; remove a certificate of another model of that name.
 
     That no certificate of some family exists is written too, but never over a certificate of this model.
     """
-    obstruction = getattr(verdict, "obstruction", None)
-    proof = verdict.certificate if verdict.is_certified else getattr(verdict, "witness", obstruction)
-    if proof is not None and not (obstruction is not None and _is_certificate_of(model, target)):
+    from persid.verdicts.verdict import Undecided
+
+    proof = verdict.proof
+    if proof is not None and not (isinstance(verdict, Undecided) and _is_certificate_of(model, target)):
         target.parent.mkdir(parents=True, exist_ok=True)
         proof.save(target)
         return str(target)

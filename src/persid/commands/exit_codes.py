@@ -15,6 +15,7 @@ from persid.errors import DataError, ModelError, PersidError
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
+    from persid.verdicts.verdict import Certified, Verdict
 
 DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 EXIT_CODES = {
@@ -89,7 +90,7 @@ def read_model(path: Path) -> "PersidskiiModel | OutputModel":
         raise error if isinstance(error, PersidError) else ModelError(f"{path}: not a model: {error}") from None
 
 
-def uninterrupted(verdict: Any) -> Any:
+def uninterrupted(verdict: "Verdict") -> "Verdict":
     """Turn a verdict that was cut short by Ctrl-C back into the interruption."""
     if getattr(getattr(verdict, "reason", None), "name", "") == "INTERRUPTED":
         raise KeyboardInterrupt
@@ -104,7 +105,7 @@ def question(
     return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit, "rate": rate}
 
 
-def attempt_rows(verdict: Any) -> list[tuple[str, str]]:
+def attempt_rows(verdict: "Verdict") -> list[tuple[str, str]]:
     """Return every attempt at a verdict as an aligned table: what was tried, how it ended, the seconds."""
     from persid.verdicts import summary
 
@@ -114,9 +115,13 @@ def attempt_rows(verdict: Any) -> list[tuple[str, str]]:
     return [("attempts", "\n".join(lines))]
 
 
-def named_gains(verdict: Any) -> dict[str, float]:
-    """Return the gain of each input of a certified model with a rate."""
-    certificate = verdict.certificate
+def named_gains(verdict: "Verdict") -> dict[str, float]:
+    """Return the gain of each input of a certified model with a rate; none of another one."""
+    from persid.verdicts.verdict import Certified
+
+    certificate = verdict.certificate if isinstance(verdict, Certified) else None
+    if certificate is None or certificate.gain is None or certificate.gains is None:
+        return {}
     return dict(zip(certificate.model.inputs, certificate.gains.tolist(), strict=True))
 
 
@@ -129,21 +134,24 @@ def _rate(rate: float) -> str:
     return f"{below(rate if unit == 's' else math.nextafter(rate * SECONDS[unit], 0))} 1/{unit}"
 
 
-def _best(verdict: Any, asked: float | None) -> list[str]:
+def _best(verdict: "Certified", asked: float | None) -> list[str]:
     """Return the best proved rate beside that of the certificate, and whether one that was asked for is beyond it."""
     rate, best = verdict.certificate.rate, verdict.best_rate
+    if rate is None or best is None:
+        return []
     if asked is not None and best < asked:
         return [f"a rate of {_rate(asked)} was asked for; the best proved rate is {_rate(best)}"]
     return [f"best proved rate {_rate(best)}, with a larger gain (--rate)"] if best > rate else []
 
 
-def verdict_rows(verdict: Any, asked: float | None = None) -> list[tuple[str, str]]:
+def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[str, str]]:
     """Return the row of a verdict with its proved numbers; `asked` is the rate in 1/s that was asked for."""
     from persid._text import above
     from persid.verdicts.summary import summarize, unrated
+    from persid.verdicts.verdict import Certified
 
     brief = summarize(verdict)
-    if verdict.is_certified:
+    if isinstance(verdict, Certified):
         proved = ", with proved rate and gain" if brief.rate is not None else ""
         text = f"certified: input-to-state stable, {brief.scope}{proved}, {brief.seconds:.2g} s"
         bounds = []
@@ -154,8 +162,8 @@ def verdict_rows(verdict: Any, asked: float | None = None) -> list[tuple[str, st
             bounds = [f"rate {_rate(brief.rate)}, gain of {gains}"]
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
-        bounds += [] if brief.rate is None else _best(verdict, asked)
-        named = {} if brief.gain is None else named_gains(verdict)
+        bounds += _best(verdict, asked)
+        named = named_gains(verdict)
         if len(set(named.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))
         return [("verdict", "\n".join([text, *bounds]))]

@@ -3,13 +3,14 @@
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from persid._files import Json
 from persid.commands.advice import advice_facts, advice_rows, after
 from persid.commands.console import Talk, complain
 from persid.commands.exit_codes import (
@@ -41,6 +42,9 @@ from persid.commands.options import (
 from persid.commands.outputs import Asked, run_outputs
 
 if TYPE_CHECKING:
+    from persid.identification.diagnostics import FitReport
+    from persid.identification.identifier import PersidskiiIdentifier
+    from persid.measurements.readers.sources import Content
     from persid.measurements.recordings import Measurements
 
 
@@ -265,7 +269,7 @@ def bootstrap(
 
 
 def _measurements(
-    data: Sequence[Path], engine: str, scheduler: str | None, progress: Any, **how: Any
+    data: Sequence[Path], engine: str, scheduler: str | None, progress: Callable[[str], None], **how: Any
 ) -> "Measurements":
     """Read measurements into memory, or look through them where they are."""
     from persid.measurements.opening import files_of, open_recordings
@@ -282,7 +286,7 @@ def _measurements(
     return open_recordings(files, engine=chosen, scheduler=scheduler, progress=progress, **how)
 
 
-def _identify(measured: "Measurements", **how: Any) -> Any:
+def _identify(measured: "Measurements", **how: Any) -> "PersidskiiIdentifier":
     from persid.identification.identifier import PersidskiiIdentifier
 
     return PersidskiiIdentifier(**how).fit(measured)
@@ -304,17 +308,17 @@ def _count(count: int, what: str) -> str:
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
-def _name(paths: Sequence[Any]) -> str:
+def _name(paths: "Sequence[Path | Content]") -> str:
     return str(paths[0]) if len(paths) == 1 else f"{len(paths)} files"
 
 
-def _data_rows(paths: Sequence[Any], data: "Measurements") -> list[tuple[str, str]]:
+def _data_rows(paths: "Sequence[Path | Content]", data: "Measurements") -> list[tuple[str, str]]:
     counts = [_count(len(data), "run"), _count(data.samples, "sample")]
     counts += [_count(len(data.states), "state"), _count(len(data.inputs), "input")]
     return [("data", f"{_name(paths)}: {', '.join(counts)}")]
 
 
-def _fit_rows(report: Any) -> list[tuple[str, str]]:
+def _fit_rows(report: "FitReport") -> list[tuple[str, str]]:
     rows = [("fit", f"{report.method} form, {report.columns} columns, ridge {report.ridge:.3g}")]
     if report.free_run is not None:
         score = report.free_run
@@ -323,11 +327,11 @@ def _fit_rows(report: Any) -> list[tuple[str, str]]:
     return [*rows, *_remarks(report)]
 
 
-def _remarks(report: Any) -> list[tuple[str, str]]:
+def _remarks(report: "FitReport") -> list[tuple[str, str]]:
     return [*(("note", text) for text in report.notes), *(("warning", text) for text in report.warnings)]
 
 
-def _scores(report: Any) -> dict[str, Any]:
+def _scores(report: "FitReport") -> Json:
     pairs = (("free_run", report.free_run), ("one_step", report.one_step))
     scores = {name: {"rmse": _number(s.rmse), "r2": _number(s.r2_mean)} for name, s in pairs if s is not None}
     return {**scores, "notes": list(report.notes), "warnings": list(report.warnings)}

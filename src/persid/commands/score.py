@@ -12,6 +12,8 @@ from persid.commands.options import FILE, MEASUREMENTS, appending, columns, talk
 
 if TYPE_CHECKING:
     from persid.identification.scores import Scores
+    from persid.measurements.trajectories import Trajectories
+    from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
     from persid.reports.output_runs import OutputScores
 
@@ -76,14 +78,16 @@ def unseen_output_scores(model: "OutputModel", files: Sequence[Path], **how: Any
     return OutputScores.of(output_runs(model, read_measurements(files_of(list(files)), **how)), model.outputs)
 
 
-def unseen_scores(model: Any, measured: Any, basis: str, hold: str = "zoh") -> "Scores":
+def unseen_scores(model: "PersidskiiModel", measured: "Trajectories", basis: str, hold: str = "zoh") -> "Scores":
     """Return the scores of a model on measurements that its fit has not seen."""
     from persid.identification.scores import Record, held_out_scores
 
     return held_out_scores(model, measured, Record.of(measured), hold=hold, basis=basis)
 
 
-def _measured(model: Any, files: Sequence[Path], derivatives: int, delays: int, **how: Any) -> Any:
+def _measured(
+    model: "PersidskiiModel", files: Sequence[Path], derivatives: int, delays: int, **how: Any
+) -> "Trajectories":
     """Read the columns of a model's states and inputs; states that a fit has appended are appended again.
 
     Raises:

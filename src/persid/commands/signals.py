@@ -17,6 +17,7 @@ from persid.measurements.readers import read_csv
 from persid.measurements.trajectories import Trajectories
 from persid.models.functions import scalar_function
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 
 STEPS = 1000
 MOST_SAMPLES = 10_000_000
@@ -50,7 +51,9 @@ def times_and_inputs(
     return _grid(0.0, t_end, dt), _joined([signal(text) for text in signals]) if signals else None
 
 
-def start(model: Any, x0: Sequence[float] | None, y_init: Path | None, time: str | None) -> dict[str, Any]:
+def start(
+    model: PersidskiiModel | OutputModel, x0: Sequence[float] | None, y_init: Path | None, time: str | None
+) -> dict[str, Any]:
     """Return where a simulation starts: x0, or of an output model the outputs of the first rows of a table.
 
     Raises:

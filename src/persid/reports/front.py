@@ -76,7 +76,7 @@ def picture(results: Results) -> list[Drawing]:
     shown = results.held if results.held is not None else results.data
     if shown is None:
         return []
-    model = results.model.dense()
+    model = results.dynamics.dense()
     place = int(np.argmax([len(run) for run in shown]))
     measured = _from_zero(shown[place][:SAMPLES])
     runs = _free_runs(model, measured, results)
@@ -141,7 +141,7 @@ def _caption(results: Results, shown: Trajectories, place: int, runs: Sequence[T
     parts = [f"{what}{which}: {lines}, which knows "]
     parts += [f"{known}{steps}."]
     parts += [" Below, how far both are from x*, and the bound that is proved for the model (green)."] if proved else []
-    parts += [f" Drawn are {STATES} of {results.model.n} states."] if results.model.n > STATES else []
+    parts += [f" Drawn are {STATES} of {results.dynamics.n} states."] if results.dynamics.n > STATES else []
     if held and not (record and record.test):
         parts += [" For the scores the fit was made without this part; the model that is delivered knows all of it."]
     return "".join(parts)

@@ -56,7 +56,7 @@ def write_report(results: Results, folder: Path) -> None:
         return
     (folder / FIGURES).mkdir(exist_ok=True)
     with drawings.style():
-        runs = drawings.free_runs(results.model, results.data)
+        runs = drawings.free_runs(results.dynamics, results.data)
         drawn = _drawings(results, runs)
         write_atomically(folder / REPORT, _page(results, runs, drawn))
         for drawing in (one for part in drawn.values() for one in part):
@@ -66,12 +66,12 @@ def write_report(results: Results, folder: Path) -> None:
 def render(results: Results) -> str:
     """Return the page as text, figures inside; it loads nothing from anywhere. Raises as `write_report` does."""
     with drawings.style():
-        runs = drawings.free_runs(results.model, results.data)
+        runs = drawings.free_runs(results.dynamics, results.data)
         return _page(results, runs, _drawings(results, runs))
 
 
 def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawing]]:
-    model, data = results.model.dense(), results.data
+    model, data = results.dynamics.dense(), results.data
     fit = results.record.fit if results.record else None
     compared = results.record.comparison if results.record else None
     free = (compared or {}).get("free_model")
@@ -102,7 +102,7 @@ def _samples(data: Trajectories) -> tuple[ndarray, ndarray]:
 
 def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Drawing]]) -> str:
     template = environment().get_template("report.html.jinja")
-    model, verdict = results.model.dense(), results.verdict
+    model, verdict = results.dynamics.dense(), results.verdict
     proof, claim, name = _proven(verdict)
     diagnosis = results.record.diagnosis if results.record else None
     return template.render(

@@ -12,6 +12,8 @@ from persid.measurements.readers import read_measurements
 from persid.measurements.readers.sources import sha256
 from persid.measurements.trajectories import Trajectories
 from persid.models.files import load_model
+from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid.reports.layout import MODEL
 from persid.reports.record import Record, Source
 from persid.reports.verdict_files import read_verdict
@@ -25,11 +27,16 @@ class Results:
     `held` is what the scores of the record are on, where it is at hand and the fit has not seen it.
     """
 
-    model: Any  # a PersidskiiModel or an OutputModel
+    model: PersidskiiModel | OutputModel
     verdict: Verdict
     data: Trajectories | None
     record: Record | None
     held: Trajectories | None = None
+
+    @property
+    def dynamics(self) -> PersidskiiModel:
+        """The model of the states, whose outputs may be what was measured."""
+        return self.model.dynamics if isinstance(self.model, OutputModel) else self.model
 
 
 def held_out(data: Trajectories | None, scores: Scores | None) -> Trajectories | None:
@@ -51,16 +58,17 @@ def read_results(folder: Path) -> Results:
     verdict = read_verdict(folder, model, record.attempts if record else ())
     if record is None:
         return Results(model, verdict, None, None)
-    data = _read_again(record.sources, record.reading, model)
-    held = _read_again(record.test, record.reading, model) if record.test else held_out(data, record.scores)
+    inputs = (model.dynamics if isinstance(model, OutputModel) else model).inputs
+    data = _read_again(record.sources, record.reading, inputs)
+    held = _read_again(record.test, record.reading, inputs) if record.test else held_out(data, record.scores)
     return Results(model, verdict, data, record, held)
 
 
-def _read_again(sources: Sequence[Source], reading: Mapping[str, Any], model: Any) -> Trajectories | None:
-    """Read measurements where they still are what they were, with the inputs of the model."""
+def _read_again(sources: Sequence[Source], reading: Mapping[str, Any], inputs: Sequence[str]) -> Trajectories | None:
+    """Read measurements where they still are what they were, with the inputs named."""
     paths = [Path(source.path) for source in sources]
     if not paths or not all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, sources, strict=True)):
         return None
     how = dict(reading)
     states = {name: how.pop(name, 0) for name in ("derivatives", "delays")}
-    return embedded(read_measurements(paths, **how).with_inputs(getattr(model, "dynamics", model).inputs), **states)
+    return embedded(read_measurements(paths, **how).with_inputs(inputs), **states)

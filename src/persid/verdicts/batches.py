@@ -2,7 +2,7 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -40,11 +40,12 @@ class Failed:
 
 
 Answer = Verdict | Failed
-Numbered = Iterator[tuple[int, Answer]]
+Numbered = Generator[tuple[int, Answer], None, None]
+Subject = PersidskiiModel | OutputModel | str | Path
 
 
 def certify_many(
-    models: Sequence[PersidskiiModel | OutputModel | str | Path],
+    models: Sequence[Subject],
     *,
     engine: Any = "processes",
     jobs: int | None = None,
@@ -89,7 +90,9 @@ def certify_many(
     return tuple(answers.get(k, missing) for k in range(len(models)))
 
 
-def _engine(engine: Any, scheduler: str | None, jobs: int | None) -> Callable[[list[Any], dict[str, Any]], Any]:
+def _engine(
+    engine: Any, scheduler: str | None, jobs: int | None
+) -> Callable[[list[Subject], dict[str, Any]], Numbered]:
     """Return what decides models one by one, in any order."""
     if scheduler is None and (engine is None or engine == "processes"):
         count = 1 if engine is None else jobs or os.cpu_count() or 1
@@ -100,7 +103,7 @@ def _engine(engine: Any, scheduler: str | None, jobs: int | None) -> Callable[[l
     return lambda models, question: _on_cluster(made.client, models, question)
 
 
-def _decide(model: Any, question: dict[str, Any]) -> Answer:
+def _decide(model: Subject, question: dict[str, Any]) -> Answer:
     """Decide one model; whatever goes wrong becomes an answer."""
     try:
         return certify(load_model(model) if isinstance(model, str | Path) else model, **question)
@@ -113,12 +116,12 @@ def was_interrupted(answer: Answer) -> bool:
     return isinstance(answer, Undecided) and answer.reason is Reason.INTERRUPTED
 
 
-def _here(models: list[Any], question: dict[str, Any]) -> Numbered:
+def _here(models: list[Subject], question: dict[str, Any]) -> Numbered:
     for k, model in enumerate(models):
         yield k, _decide(model, question)
 
 
-def _in_processes(models: list[Any], question: dict[str, Any], jobs: int) -> Numbered:
+def _in_processes(models: list[Subject], question: dict[str, Any], jobs: int) -> Numbered:
     """Decide in processes; where one dies, those without an answer go on one by one, each in a process of its own."""
     left = dict(enumerate(models))
     for k, answer in _pooled(left, question, min(jobs, len(left))):
@@ -130,7 +133,7 @@ def _in_processes(models: list[Any], question: dict[str, Any], jobs: int) -> Num
             yield k, answer or Failed("the process that worked on it died (killed, or out of memory)")
 
 
-def _pooled(models: dict[int, Any], question: dict[str, Any], jobs: int) -> Iterator[tuple[int, Answer | None]]:
+def _pooled(models: dict[int, Subject], question: dict[str, Any], jobs: int) -> Iterator[tuple[int, Answer | None]]:
     """Yield answers as they come; None for each model that has none because a process died."""
     before = set(multiprocessing.active_children())
     # Not fork: threads of linear algebra do not survive it.
@@ -161,7 +164,7 @@ def _one_thread() -> None:
     threadpool_limits(1)
 
 
-def _on_cluster(client: Any, models: list[Any], question: dict[str, Any]) -> Numbered:
+def _on_cluster(client: Any, models: list[Subject], question: dict[str, Any]) -> Numbered:
     from distributed import as_completed as completed
 
     futures = client.map(_decide, models, question=question, pure=False)

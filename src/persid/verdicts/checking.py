@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import persid_check
 from persid.certificates.certificate import Certificate
@@ -32,7 +31,7 @@ def load_certificate(path: str | Path) -> Certificate | NetworkCertificate:
     return load(data, Path(path).parent) if _claim(data) == "L1" else Certificate.accept(data)
 
 
-def _claim(data: bytes) -> Any:
+def _claim(data: bytes) -> object:
     """Return what the file names as its claim; None where it is no JSON object: the checker says why."""
     try:
         content = json_text.read(data, floats=False)

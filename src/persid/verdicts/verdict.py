@@ -81,6 +81,11 @@ class _Verdict:
         return isinstance(self, Certified)
 
     @property
+    def proof(self) -> Certificate | NetworkCertificate | Witness | Obstruction | NetworkObstruction | None:
+        """What the checker has accepted: a certificate, a witness, or that no certificate of some family exists."""
+        return None
+
+    @property
     def seconds(self) -> float:
         """Time spent on all attempts, in s."""
         return sum(attempt.seconds for attempt in self.attempts)
@@ -110,6 +115,11 @@ class Certified(_Verdict):
     def best_rate(self) -> float | None:
         """The best proved rate in 1/s, that of `fastest` or of the certificate; None where there is none."""
         return self.certificate.rate if self.fastest is None else self.fastest.rate
+
+    @property
+    def proof(self) -> Certificate | NetworkCertificate:
+        """The certificate."""
+        return self.certificate
 
     @property
     def headline(self) -> str:
@@ -142,6 +152,11 @@ class Refuted(_Verdict):
 
     def __str__(self) -> str:
         return f"Refuted: {self.witness.sentence}"
+
+    @property
+    def proof(self) -> Witness:
+        """The witness."""
+        return self.witness
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +204,11 @@ class Undecided(_Verdict):
     def __str__(self) -> str:
         parts = (self.reason.value, self.detail, str(self.evidence or ""))
         return "Undecided: " + " ".join(part for part in parts if part)
+
+    @property
+    def proof(self) -> Obstruction | NetworkObstruction | None:
+        """The obstruction, where there is one; it proves the reason and does not refute stability."""
+        return self.obstruction
 
     @property
     def headline(self) -> str:
