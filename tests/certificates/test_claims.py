@@ -12,7 +12,7 @@ from persid.certificates import stability
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode
 from persid.certificates.ledger import as_ledger, with_proof
-from persid.errors import PersidError, RejectedError, RoundingError
+from persid.errors import PersidError, RoundingError
 from persid_check.format import WORDS
 
 FILES = sorted(path for path in VALID.glob("*.json") if json.loads(path.read_bytes())["claim"] in WORDS)
@@ -65,13 +65,16 @@ def test_any_two_solutions() -> None:
     assert not Certificate.accept(path.read_bytes()).is_incremental
 
 
-def test_plants_are_not_read_as_models() -> None:
-    """A certificate of plants with deviations is refused: its bound has terms that the numbers here leave out."""
-    content = as_ledger(json.loads((VALID / "e_gains.json").read_bytes()))
-    deviation = {"columns": [[[0, [1, -60]]]], "C": [], "s": [1, 0], "epsilon": [0, 0]}
-    spread = encode(with_proof(content | {"deviations": [deviation]}))
-    with pytest.raises(RejectedError, match="deviations"):
-        Certificate.accept(spread)
+def test_bounds_of_plants_hold_their_constant_deviations() -> None:
+    """Every number of a certificate of plants counts what the constant part of a deviation adds."""
+    plain = as_ledger(json.loads((VALID / "e_gains.json").read_bytes()))
+    deviation = {"columns": [[[0, [1, -4]]]], "C": [], "s": [1, -3], "epsilon": [3, 0]}
+    model, plants = (Certificate.accept(encode(with_proof(plain | {"deviations": each}))) for each in ([], [deviation]))
+    x0 = model.operating_point + 1.0
+    unit = float(plants.stated.kappa * plants.stated.p)
+    assert plants.spread == pytest.approx(np.sqrt(9 / 8 / unit), rel=1e-12)
+    assert model.spread == 0.0
+    assert plants.bound(x0, 0.0, [2.0]) - model.bound(x0, 0.0, [2.0]) == pytest.approx(plants.spread, rel=1e-9)
 
 
 def test_certify_writes_the_ledger() -> None:

@@ -2,9 +2,10 @@
 
 For every input, and every x(0) for which the claim holds, it says
 
-    |x(t) - x*| <= sqrt(V(x(0)) / p) exp(-kappa t / 2) + sqrt(sup v'Gamma v / (kappa p)),     v = u - u*,
+    |x(t) - x*| <= sqrt(V(x(0)) / p) exp(-kappa t / 2) + sqrt(sup v'Gamma v / (kappa p)) + spread,     v = u - u*,
 
-where Gamma = gamma I, or a matrix that gives each input its own gain. Where b counts as one more input, v ends with 1.
+where spread = sum_j sqrt(s_j / (kappa p)) epsilon_j for the deviations of a plant, 0 for a model,
+and Gamma = gamma I, or a matrix that gives each input its own gain. Where b counts as one more input, v ends with 1.
 """
 
 import math
@@ -85,6 +86,18 @@ def _unit(claim: Claim) -> arb:
     return ball(claim.kappa * claim.p)
 
 
+def spread(claim: Claim, unit: arb) -> arb:
+    """Return what the constant parts of deviations add to a bound of the square root of `unit` / kappa times V."""
+    parts = [(ball(each.s) / unit).sqrt() * ball(each.epsilon) for each in claim.deviations]
+    return sum(parts, arb(0))
+
+
+def remaining(claim: Claim) -> arb:
+    """Return the distance from x* at which the constant parts of deviations may leave the state."""
+    with ctx.workprec(BITS):
+        return spread(claim, _unit(claim))
+
+
 def overshoot(claim: Claim, x0: Float[ndarray, " n"]) -> arb:
     """Return sqrt(V(x0) / p)."""
     with ctx.workprec(BITS):
@@ -102,6 +115,7 @@ def bound(
             steady = gain(claim) * arb(u_sup)
         else:
             steady = (ball(supply(claim.gamma, u_sup)) / _unit(claim)).sqrt()
+        steady += spread(claim, _unit(claim))
         return np.array([above(start * (-rate * arb(float(s))).exp() + steady) for s in t])
 
 

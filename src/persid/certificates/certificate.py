@@ -17,7 +17,7 @@ from persid.certificates import bounds
 from persid.certificates import output_bounds as seen
 from persid.certificates.acceptance import accepted
 from persid.certificates.claims import Claim, claim_of
-from persid.errors import ModelError, PersidError, RejectedError
+from persid.errors import ModelError, PersidError
 from persid.models.model import PersidskiiModel
 
 
@@ -48,10 +48,7 @@ class Certificate:
             RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
         answer = accepted(data, ("iss", "rate-and-gain", "region"))
-        certificate = cls(data, answer.claim, answer.statement, answer.steps, answer.further)
-        if certificate.content.get("deviations"):
-            raise RejectedError("it speaks of plants with deviations; persid.check states what it proves")
-        return certificate
+        return cls(data, answer.claim, answer.statement, answer.steps, answer.further)
 
     def __repr__(self) -> str:
         return f"Certificate({self.claim}, {len(self.data)} bytes: {self.statement})"
@@ -166,8 +163,16 @@ class Certificate:
         """The level c of the certified region {V <= c} of a regional claim; None for global claims."""
         return bounds.below(self.stated.level) if self.claim == "region" else None
 
+    @property
+    def spread(self) -> float | None:
+        """Of a certificate of plants, the distance from x* at which the constant parts of deviations may leave it.
+
+        In state units, rounded up; 0 for a model, or where they have no constant parts. None for claim "iss".
+        """
+        return bounds.above(bounds.remaining(self.stated)) if self.stated.has_rate else None
+
     def overshoot(self, x0: Any) -> float:
-        """Return sqrt(V(x0)/p), rounded up: without input |x(t) - x*| never exceeds it.
+        """Return sqrt(V(x0)/p), rounded up: without input and `spread` |x(t) - x*| never exceeds it.
 
         Raises:
             PersidError: the claim has no rate, or x0 lies outside the certified region.
@@ -218,7 +223,8 @@ class Certificate:
             return True
         if not u_sup.ndim:
             return bool(u_sup <= self.input_bound)
-        return bounds.supply(self.stated.gamma, u_sup.tolist()) <= self.stated.kappa * self.stated.level
+        room = self.stated.kappa * self.stated.level - self.stated.constant_supply
+        return bounds.supply(self.stated.gamma, u_sup.tolist()) <= room
 
     def _start(self, x0: Any) -> ndarray:
         """Return x0 as a state from which the estimate holds."""

@@ -49,6 +49,16 @@ class Seen:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """L w of a plant with |w|^2 <= |C zeta|^2 + epsilon^2, zeta = (x, channels, u - u*), and its multiplier s."""
+
+    columns: tuple[Row, ...]
+    C: tuple[Row, ...]
+    s: Fraction
+    epsilon: Fraction
+
+
+@dataclass(frozen=True)
 class Claim:
     """The claim of a file in exact numbers; `x`, `radius` and `u` are None without a stated operating point."""
 
@@ -68,6 +78,12 @@ class Claim:
     level: Fraction
     input_bound: Fraction
     outputs: tuple[Seen, ...]
+    deviations: tuple[Spread, ...]
+
+    @property
+    def constant_supply(self) -> Fraction:
+        """What the constant parts of the deviations add to V': the sum of s epsilon^2."""
+        return sum((each.s * each.epsilon**2 for each in self.deviations), _ZERO)
 
     @property
     def has_rate(self) -> bool:
@@ -109,7 +125,13 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
         exact(content.get("level", (0, 0))),
         exact(content.get("input_bound", (0, 0))),
         tuple(_rows_seen(content) if ledger else _seen(content)),
+        tuple(_spread(each) for each in content.get("deviations", ())),
     )
+
+
+def _spread(stored: Mapping[str, Any]) -> Spread:
+    columns, C = (tuple(_row(row) for row in stored[name]) for name in ("columns", "C"))
+    return Spread(columns, C, exact(stored["s"]), exact(stored["epsilon"]))
 
 
 def _ball(point: Mapping[str, Any]) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:

@@ -155,8 +155,8 @@ class Curves:
         return [curve.written(list(uses)) for curve, uses in self.found]
 
 
-def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of format 2 that claims what a content of format 1 claims.
+def as_ledger(content: dict[str, Any], deviations: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+    """Return the content of format 2 that claims what a content of format 1 claims, of plants with deviations if given.
 
     Raises:
         RoundingError: a lemma has no partition that is found, or a factor no proof.
@@ -186,7 +186,7 @@ def as_ledger(content: dict[str, Any]) -> dict[str, Any]:
         "facts": {"value": facts, "one_signed": [], "difference": [], "constant": []},
         "P": content["P"],
         "gamma": content["gamma"],
-        "deviations": [],
+        "deviations": list(deviations),
         "dropped": content["dropped"],
         "spanning": _spanning(content, model, points, written),
         "kappa": content["kappa"] if rated else [0, 0],

@@ -25,7 +25,10 @@ def bound(claim: Claim, x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray
     """Return the bound of |y_i - y_i*| at times t (s) from x0, for inputs with sup|u - u*| <= u_sup."""
     with ctx.workprec(bounds.BITS):
         V = bounds.lyapunov(claim, x0).hi
-        rate, steady = bounds.ball(claim.kappa / 2), [g * arb(u_sup) for g in gains(claim)]
+        rate, kappa = bounds.ball(claim.kappa / 2), bounds.ball(claim.kappa)
+        still = bounds.spread(claim, kappa)  # of sqrt(V)
+        stays = [_steepness(y) * bounds.ball(y.constant).sqrt() * still for y in claim.outputs]
+        steady = [g * arb(u_sup) + s for g, s in zip(gains(claim), stays, strict=True)]
         start = [_steepness(y) * (bounds.ball(y.constant) * V).sqrt() if V > 0 else arb(0) for y in claim.outputs]
         decay = [(-rate * arb(float(s))).exp() for s in t]
         rows = [[bounds.above(s * d + g) for s, g in zip(start, steady, strict=True)] for d in decay]

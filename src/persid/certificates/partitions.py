@@ -71,8 +71,15 @@ def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fractio
 
 
 def _distances(reach: Fraction, count: int) -> list[Fraction]:
-    """Return distances that rise in equal ratios, from a millionth of the reach to all of it."""
-    return [reach * Fraction(2.0 ** (20.0 * k / count - 20.0)) for k in range(count + 1)]
+    """Return distances that rise in equal ratios from a millionth of the reach, then by equal steps, to all of it.
+
+    What is given away on a piece is about its length times the rise of the quantity on it: long pieces cost most.
+    """
+    ratio, step = 2.0 ** (20.0 / count), 1.0 / count
+    rising = [2.0**-20]
+    while rising[-1] < 1 - step:
+        rising.append(min(rising[-1] * ratio, rising[-1] + step))
+    return [reach * Fraction(share) for share in (*rising, 1.0)]
 
 
 def _ends(lemma: Lemma) -> tuple[Fraction, Fraction] | None:

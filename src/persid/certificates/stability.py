@@ -10,11 +10,13 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import _floor, dyadic, dyadics, rounded
+from persid.certificates.bounds import above, largest_eigenvalue
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, factor, heading
 from persid.certificates.ledger import as_ledger
 from persid.certificates.outputs import with_outputs
 from persid.errors import RejectedError, RoundingError
+from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.sectors import Group, nondecreasing_pool
@@ -32,6 +34,8 @@ def prove(
 ) -> Certificate:
     """Return the certificate that the checker accepts: of a region with a box, with the rate if there is one.
 
+    Where V allows for deviations it speaks of every plant within them; version 1 has no place for these.
+
     Raises:
         RejectedError: the checker accepts it in neither format.
         RoundingError: a matrix is not positive definite in floating point.
@@ -39,10 +43,31 @@ def prove(
     content = version_1(model, lyapunov, point, box)
     if outputs is not None:
         return with_outputs(Certificate.accept(encode(content)), outputs)
+    deviations = [_deviation(*pair) for pair in zip(lyapunov.deviations, lyapunov.s, strict=True)]
+    if deviations:
+        return Certificate.accept(encode(as_ledger(content, deviations)))
     try:
         return Certificate.accept(encode(as_ledger(content)))
     except (RejectedError, RoundingError):
         return Certificate.accept(encode(content))
+
+
+def with_constant(certificate: Certificate, epsilon: float) -> Certificate:
+    """Return the certificate of plants with another constant part of their one deviation; the proof is the same.
+
+    Raises:
+        RejectedError: the constant part drives the state out of the region.
+    """
+    content, claim = certificate.content, certificate.stated
+    (deviation,) = content["deviations"]
+    changed = content | {"deviations": [deviation | {"epsilon": dyadic(epsilon)}]}
+    if claim.level:
+        room = float(claim.kappa * claim.level) - float(claim.deviations[0].s) * epsilon**2
+        if room <= 0:
+            raise RejectedError("the constant part of the deviations drives the state out of the region")
+        most = np.sqrt(room / above(largest_eigenvalue(claim.gamma)))
+        changed["input_bound"] = dyadic(min(_floor(most), float(claim.input_bound)))
+    return Certificate.accept(encode(changed))
 
 
 def version_1(
@@ -78,10 +103,20 @@ def version_1(
     if box is not None:
         here = OperatingPoint(model.x_ref, 0.0, model.u_ref) if point is None else point
         level = _floor(float((here.reach(box) ** 2 / np.diag(np.linalg.inv(below))).min()))
-        bound = _floor(np.sqrt(lyapunov.kappa * level / _largest(Gamma)))
+        room = lyapunov.kappa * level - float(lyapunov.s @ [d.epsilon**2 for d in lyapunov.deviations])
+        if room <= 0:
+            raise RoundingError("the constant part of the deviations drives the state out of the region")
+        bound = _floor(np.sqrt(room / _largest(Gamma)))
         content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
     content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
     return content
+
+
+def _deviation(deviation: Deviation, s: float) -> dict[str, Any]:
+    """Write a deviation; a number of its bound is meant exactly."""
+    rows = {"columns": deviation.L.T, "C": deviation.C}
+    lists = {name: [[[int(i), dyadic(row[i])] for i in np.flatnonzero(row)] for row in M] for name, M in rows.items()}
+    return {**lists, "s": dyadic(float(s)), "epsilon": dyadic(deviation.epsilon)}
 
 
 def _is_incremental(lyapunov: Lyapunov) -> bool:

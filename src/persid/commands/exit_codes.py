@@ -129,9 +129,15 @@ def _rate(rate: float) -> str:
     """Return a proved rate, rounded down, in the unit of time that was asked for."""
     from persid._text import below
 
+    unit, seconds = _time_unit()
+    return f"{below(rate if seconds == 1 else math.nextafter(rate * seconds, 0))} 1/{unit}"
+
+
+def _time_unit() -> tuple[str, float]:
+    """Return the unit of time that was asked for, and its length in s."""
     ctx = click.get_current_context(silent=True)
     unit = "s" if ctx is None else str(ctx.meta.get(TIME_UNIT, "s"))
-    return f"{below(rate if unit == 's' else math.nextafter(rate * SECONDS[unit], 0))} 1/{unit}"
+    return unit, SECONDS[unit]
 
 
 def _best(verdict: "Certified", asked: float | None) -> list[str]:
@@ -147,7 +153,7 @@ def _best(verdict: "Certified", asked: float | None) -> list[str]:
 def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[str, str]]:
     """Return the row of a verdict with its proved numbers; `asked` is the rate in 1/s that was asked for."""
     from persid._text import above
-    from persid.verdicts.summary import summarize, unrated
+    from persid.verdicts.summary import plants, summarize, unrated
     from persid.verdicts.verdict import Certified
 
     brief = summarize(verdict)
@@ -166,5 +172,7 @@ def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[s
         named = named_gains(verdict)
         if len(set(named.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))
-        return [("verdict", "\n".join([text, *bounds]))]
+        margin = verdict.margin
+        near = [] if margin is None else [("plants", "\n".join(plants(margin, *_time_unit())))]
+        return [("verdict", "\n".join([text, *bounds])), *near]
     return [("verdict", f"{brief.verdict}: {brief.reason}")]

@@ -5,6 +5,7 @@ With z = (x, channel values), x' = G z + B u and half the gradient of V equal to
     Q = E G + G'E' + S,   E = [P; 0] + sum_g N_g'lambda_g r_g',  S = sum_g sum_kl tau_gkl N_g'(l_k l_l' + l_l l_k')N_g
 
 with N_g z = phi_g. Every unknown is a pair of rows: P_ij: e_i, G_j; mu_gk: N_g'l_k, G'r_g; tau_gkl: N_g'l_k, N_g'l_l.
+Deviations L w of a plant (`deviations`) are further entries: z grows by w, G by L; s_j adds s_j (C_j'C_j - I) to Q.
 Paper: thm:main_ISS and cor:extension_basis_function are the special cases with the forms e_0, …, e_J only.
 """
 
@@ -19,6 +20,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
+from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.pairs import Problem, pairings
 from persid.lyapunov.sectors import Group
@@ -99,9 +101,14 @@ class Catalogue:
         self.is_flow_known = units is None
         self.units = units = scaling(system) if units is None else units
         inputs = system.B.shape[1] if self.target.ratio is not None else 0
-        self.width = system.entries + inputs
-        self.weights = np.concatenate([units.entries, units.inputs[:inputs]])
-        self.flow = np.hstack([system.G, system.B[:, :inputs]]) * self.weights / units.rate
+        self.inside = system.entries + inputs
+        known = np.concatenate([units.entries, units.inputs[:inputs]])
+        self._bounds = [(d, self._bound(d) * known) for d in self.target.deviations]
+        sizes = [np.full(d.L.shape[1], _unit(d, C, units)) for d, C in self._bounds]
+        self.weights = np.concatenate([known, *sizes])
+        self.width = len(self.weights)
+        flow = np.hstack([system.G, system.B[:, :inputs], *(d.L for d in self.target.deviations)])
+        self.flow = flow * self.weights / units.rate
         self._S = [sparse.csr_array(sparse.eye_array(self.width))]
         self._height = self.width
         self._gradients: list[tuple[ndarray, float, ndarray]] = []  # rho, upper and the row of H
@@ -111,6 +118,7 @@ class Catalogue:
         self._forms = [self._rows(group, family.forms) for group, family in zip(system.groups, families, strict=True)]
         for g, family in enumerate(families):
             self._densities(g, family)
+        self._deviations()
         if self.target.ratio is not None:
             self._smallest_eigenvalue()
 
@@ -231,13 +239,34 @@ class Catalogue:
                 size = float(self.units.states[states[i]] ** 2 * self.units.rate)
                 self._unknowns["P", i] = _Unknown((i,), (codes[i],), (1.0,), size, 1.0)
 
+    def _bound(self, deviation: Deviation) -> ndarray:
+        """Return C at the entries of the inequality, without w; inputs that it leaves out have some gain anyway."""
+        system = self.system
+        return deviation.columns(system.states, system.channels, system.B.shape[1])[:, : self.inside]
+
+    def _deviations(self) -> None:
+        """Add s of each deviation: s (C'C - I), with the rows of C made unit vectors."""
+        first = self.inside
+        for j, (deviation, C) in enumerate(self._bounds):
+            w = range(first, first + deviation.L.shape[1])
+            first = w.stop
+            norms = np.linalg.norm(C, axis=1)
+            rows = self._height + np.arange(len(C))
+            unit = C / np.where(norms > 0, norms, 1.0)[:, None]
+            self._S.append(sparse.csr_array(np.pad(unit, ((0, 0), (0, self.width - self.inside)))))
+            self._height += len(C)
+            own = self.weights[list(w)] ** 2
+            size = float(own.max(initial=1e-300))
+            weight = (*(0.5 * norms**2 / size).tolist(), *(-0.5 * own / size).tolist())
+            self._unknowns["s", j] = _Unknown((*rows.tolist(), *w), (*rows.tolist(), *w), weight, size, 0.0)
+
     def _smallest_eigenvalue(self) -> None:
         """Add p: P - p diag(shape) is what the entries of P stand for, and gamma = ratio p bounds the inputs."""
         k, rate = len(self.system.states), self.units.rate
         codes = [self._gradient(unit, 0.5)[0] for unit in np.eye(self.system.n)]
         shape = self.target.shape_of(self.system) * self.units.states**2 * rate
-        inputs = range(self.system.entries, self.width)
-        ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries :] ** 2
+        inputs = range(self.system.entries, self.inside)
+        ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries : self.inside] ** 2
         size = float(shape.max())
         pairs = ((*range(k), *inputs), (*codes, *inputs), (*(shape / size).tolist(), *(ratio / size).tolist()))
         self._unknowns[("p",)] = _Unknown(*pairs, size, float(shape.sum() / size))
@@ -272,6 +301,13 @@ class Catalogue:
 
     def _problem(self, terms: Terms) -> Problem:
         return Problem(terms.S, terms.H, terms.p, terms.q, terms.cost, self._factor, self._order_of_P, terms.tie)
+
+
+def _unit(deviation: Deviation, C: ndarray, units: Scaling) -> float:
+    """Return the unit of w: what C allows it, or else what moves the states as much as they move themselves."""
+    size = float(np.linalg.norm(C))
+    strength = float(np.linalg.norm(deviation.L / units.states[:, None])) / units.rate
+    return 0.5 * size / np.sqrt(max(deviation.L.shape[1], 1)) if size else 1 / (strength or 1.0)
 
 
 def _flat(places: Iterable[tuple[int, ...]]) -> Int[ndarray, " K"]:

@@ -1,7 +1,7 @@
 """From a solution in floating point to the bytes of a certificate: choose what is used, round, factor, write."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy import ndarray
 
 from persid._dyadics import SLACK, _floor, rounded
 from persid.errors import RoundingError
+from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.inequality import Assembly
 from persid.lyapunov.system import Family, System
 from persid.lyapunov.unknowns import Unknowns
@@ -50,6 +51,8 @@ class Lyapunov:
     chosen: tuple[Chosen, ...]
     kappa: float
     units: Float[ndarray, " m"] | None = None  # of the inputs of `system`, where each has its own gain: u = units v
+    deviations: tuple[Deviation, ...] = ()
+    s: Float[ndarray, " d"] = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def E(self) -> Float[ndarray, "N n"]:
@@ -81,6 +84,29 @@ class Lyapunov:
         return total
 
     @cached_property
+    def _spread(self) -> tuple[Float[ndarray, "M M"], Float[ndarray, "N N"]]:
+        """What deviations take: sum s C'C over (z, u), and sum (E L)(E L)'/s over z."""
+        inputs, N = self.system.B.shape[1], self.system.entries
+        known, moved = np.zeros((N + inputs, N + inputs)), np.zeros((N, N))
+        for deviation, s in zip(self.deviations, self.s, strict=True):
+            C, EL = deviation.columns(self.system.states, self.system.channels, inputs), self.E @ deviation.L
+            known, moved = known + s * C.T @ C, moved + EL @ EL.T / s
+        return known, moved
+
+    @cached_property
+    def robust(self) -> Float[ndarray, "N N"]:
+        """The matrix -Q - kappa W less what deviations take, as the Schur complement of their own entries."""
+        N = self.system.entries
+        known, moved = self._spread
+        return self.decrease - known[:N, :N] - moved if self.deviations else self.decrease
+
+    @cached_property
+    def _driven(self) -> tuple[Float[ndarray, "N m"], Float[ndarray, "m m"]]:
+        """How inputs enter: E B, and what deviations that read them add to it and to Gamma."""
+        N, known = self.system.entries, self._spread[0]
+        return self.E @ self.system.B + known[:N, N:], known[N:, N:]
+
+    @cached_property
     def below(self) -> Float[ndarray, "n n"]:
         """A matrix with V >= x'below x on the domain: P and, on a domain, what the integrals add."""
         rows = np.array([group.row for group in self.system.groups]).reshape(-1, self.system.n)
@@ -89,12 +115,17 @@ class Lyapunov:
     @cached_property
     def gamma(self) -> float:
         """A gamma for which the block with the inputs is positive definite: above (EB)'(-Q - kappa W)^-1 EB."""
-        EB = self.E @ self.system.B
-        if not EB.shape[1]:
-            return 1.0
-        scale = 1 / np.sqrt(np.diag(self.decrease))
-        solved = np.linalg.solve(scale[:, None] * self.decrease * scale, scale[:, None] * EB)
-        return -_floor(-max(float(np.linalg.eigvalsh((scale[:, None] * EB).T @ solved)[-1]), 1e-300))
+        least = self._least
+        return -_floor(-max(float(np.linalg.eigvalsh(least)[-1]), 1e-300)) if len(least) else 1.0
+
+    @property
+    def _least(self) -> Float[ndarray, "m m"]:
+        """The least Gamma, (EB)'(-Q - kappa W)^-1 EB where there are no deviations."""
+        scale = 1 / np.sqrt(np.diag(self.robust))
+        EB, own = self._driven
+        scaled = scale[:, None] * EB
+        least = scaled.T @ np.linalg.solve(scale[:, None] * self.robust * scale, scaled)
+        return np.asarray((least + least.T) / 2 + own)
 
     @property
     def coupling(self) -> Float[ndarray, "m m"]:
@@ -102,12 +133,10 @@ class Lyapunov:
 
         Its diagonal holds the gains of single inputs, squared; one that does nothing is given a tiny gain.
         """
-        scale = 1 / np.sqrt(np.diag(self.decrease))
-        EB = scale[:, None] * self.E @ self.system.B
-        least = EB.T @ np.linalg.solve(scale[:, None] * self.decrease * scale, EB)
+        least = self._least
         sizes = np.diag(least)
         floor = 1e-18 * (sizes.max(initial=0.0) or 1.0)
-        return np.asarray((least + least.T) / 2 + np.diag(SLACK * np.maximum(sizes, floor)))
+        return np.asarray(least + np.diag(SLACK * np.maximum(sizes, floor)))
 
     @property
     def depth(self) -> float:
@@ -119,7 +148,8 @@ class Lyapunov:
     def is_sound(self) -> bool:
         """Whether the inequalities hold in floating point."""
         states = list(self.system.states)
-        return _is_positive(self.decrease) and _is_positive(self.below[np.ix_(states, states)])
+        signs = bool((self.s > 0).all())
+        return signs and _is_positive(self.robust) and _is_positive(self.below[np.ix_(states, states)])
 
 
 def choose(
@@ -165,7 +195,8 @@ def lyapunov_function(
         upper = target.upper.get(group.curve, np.full(len(mu), np.nan))
         below = np.zeros(len(mu)) if lower is None else lower[g]
         chosen.append(Chosen.of(family, mu, tau, upper, below))
-    return Lyapunov(system, rounded(numbers.P), tuple(chosen), target.kappa)
+    found = Lyapunov(system, rounded(numbers.P), tuple(chosen), target.kappa)
+    return replace(found, deviations=target.deviations, s=rounded(numbers.s))
 
 
 def _is_positive(M: ndarray) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import choose
 from persid.lyapunov.search import Outcome, search
@@ -26,12 +27,13 @@ class Question:
     lower: Mapping[Curve, Float[ndarray, " K"]]
     full: bool  # a full P, else a diagonal one
     shape: Float[ndarray, " n"] | None = None
+    deviations: tuple[Deviation, ...] = ()  # of the plants that are meant, none: the model alone
 
     def ask(
         self, kappa: float, ratio: float | None, start: Outcome | None, left: Callable[[], float]
     ) -> Outcome | None:
         """Return a feasible outcome for a rate and a ratio gamma / p, or None."""
-        target = Target(kappa, ratio, self.shape, self.upper, self.lower)
+        target = Target(kappa, ratio, self.shape, self.upper if kappa else {}, self.lower, self.deviations)
         families = None if start is None else start.assembly.unknowns.families
         found = search(self.system, self.pools, full_P=self.full, target=target, families=families, time_limit=left())
         if found.status is Status.INTERRUPTED:
@@ -66,10 +68,15 @@ def best_rate(question: Question, fastest: float, left: Callable[[], float]) -> 
     return best
 
 
-def smallest_gain(question: Question, kappa: float, start: Outcome, left: Callable[[], float]) -> Outcome | None:
-    """Return an outcome of rate kappa whose ratio gamma / p is within 2 % of the smallest, so its gain within 1 %."""
+def smallest_gain(
+    question: Question, kappa: float, start: Outcome, left: Callable[[], float], steps: int = STEPS + 4
+) -> Outcome | None:
+    """Return an outcome of rate kappa whose ratio gamma / p is within 2 % of the smallest, so its gain within 1 %.
+
+    With fewer `steps` it is as near to it as these lead.
+    """
     best, low, high = None, 0.0, _ratio(question, kappa, start, left)
-    for step in range(STEPS + 4):
+    for step in range(steps):
         if left() <= 0 or not np.isfinite(high) or high < 1.02 * low:
             break
         trial = high if step == 0 else float(np.sqrt(low * high)) if low else 0.1 * high

@@ -9,6 +9,7 @@ import scipy.linalg as sla
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
+from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.sectors import Curve, Group, sizes
 from persid.models.model import PersidskiiModel
 
@@ -111,6 +112,7 @@ class Target:
     kappa = 0 asks for V' < 0 alone; ratio = None leaves the inputs out (some gamma always exists then). `upper` gives
     the constants c of rates for each curve, one per form of its pool, NaN for forms that have none; `lower` the
     constants d of regions, with which P + sum mu d r r' takes the place of P, and P may be indefinite.
+    With `deviations` the same is asked of every plant that they allow.
     """
 
     kappa: float = 0.0
@@ -118,6 +120,7 @@ class Target:
     shape: Float[ndarray, " n"] | None = None
     upper: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
     lower: Mapping[Curve, Float[ndarray, " K"]] = field(default_factory=dict)
+    deviations: tuple[Deviation, ...] = ()
 
     def shape_of(self, system: System) -> Float[ndarray, " n"]:
         """Return the diagonal of the matrix that P is at least p times."""
@@ -128,12 +131,13 @@ class Target:
 class Multipliers:
     """Numbers of a Lyapunov function: P, and per group mu (one per form) and tau (one per product of the family).
 
-    `p` is the part p diag(shape) of P, 0 without a ratio.
+    `s` has one for each deviation; `p` is the part p diag(shape) of P, 0 without a ratio.
     """
 
     P: Float[ndarray, "n n"]
     mu: tuple[ndarray, ...]
     tau: tuple[ndarray, ...]
+    s: Float[ndarray, " d"]
     p: float = 0.0
 
 

@@ -13,12 +13,12 @@ from numpy import ndarray
 from persid.lyapunov.pairs import symmetric_entries, symmetric_matrix
 from persid.lyapunov.system import Family, Multipliers, Scaling, System, Target
 
-Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("p",)
+Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("s", j), ("p",)
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The unknowns y of an inequality: P, then mu and tau group by group, and p last where the target has a ratio.
+    """The unknowns y of an inequality: P, then mu and tau group by group, s of deviations, p last with a ratio.
 
     Unknown j is the multiplier times `sizes[j]`. A full P of order `symmetric` is its upper triangle, in scaled units;
     `symmetric` = 0 is a diagonal P.
@@ -58,8 +58,9 @@ class Unknowns:
         own = symmetric_matrix(self.symmetric, y[first]) / self._P_units if self.symmetric else np.diag(values[first])
         P[self._kept] = own
         p = 0.0 if self.target.ratio is None else float(values[-1])
+        s = values[parts[-1].stop if parts else first.stop :][: len(self.target.deviations)]
         mu = [_spread(values[part], family) for part, family in zip(parts[::2], self.families, strict=True)]
-        return Multipliers(P + self._beside(mu, p), tuple(mu), tuple(values[part] for part in parts[1::2]), p)
+        return Multipliers(P + self._beside(mu, p), tuple(mu), tuple(values[part] for part in parts[1::2]), s, p)
 
     def values(self, numbers: Multipliers) -> Float[ndarray, " J"]:
         """Return the unknowns that stand for multipliers."""
@@ -68,7 +69,7 @@ class Unknowns:
         rest = [part for family, mu, tau in groups for part in (mu[list(family.densities)], tau)]
         last = [] if self.target.ratio is None else [np.array([numbers.p])]
         head = symmetric_entries(P * self._P_units) if self.symmetric else np.diag(P)
-        return np.asarray(np.concatenate([head, *rest, *last]) * self.sizes)
+        return np.asarray(np.concatenate([head, *rest, numbers.s, *last]) * self.sizes)
 
     @property
     def _kept(self) -> tuple[ndarray, ...]:
@@ -94,6 +95,7 @@ def labels(states: int, full_P: bool, families: Sequence[Family], target: Target
     for g, family in enumerate(families):
         names += [("mu", g, k) for k in family.densities]
         names += [("tau", g, *pair) for pair in family.products]
+    names += [("s", j) for j in range(len(target.deviations))]
     return names if target.ratio is None else [*names, ("p",)]
 
 

@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from persid._threads import few_threads
 from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
 from persid.certificates.outputs import refuse_steep_maps
 from persid.certificates.witness import find_witness
 from persid.errors import ModelError
@@ -22,6 +23,7 @@ from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log, Progress
+from persid.verdicts.margins import MARGIN_STATES, residual_margin
 from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
@@ -197,7 +199,7 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             log.best = answer
-            return _rated(asked, setting, kind == "full", answer, log)
+            return _with_margin(asked, setting, _rated(asked, setting, kind == "full", answer, log), log)
         failure = answer
     if log.left() > 0:
         found = _by_weights(asked, log)
@@ -253,6 +255,17 @@ def _beside_the_best(asked: _Asked, setting: Setting, certificate: Certificate, 
     return Certified(certificate, tuple(log.attempts), found)
 
 
+def _with_margin(asked: _Asked, setting: Setting, found: Certified, log: Log) -> Certified:
+    """Return a verdict with the residual margin, where the certificate is one of states and there is time."""
+    if asked.outputs is not None or setting.model.n > MARGIN_STATES or log.left() <= 0:
+        return found
+    with log.attempt("residual margin") as outcome:
+        answer = residual_margin(setting, asked.u, log)
+        margin = answer if isinstance(answer, Margin) else None
+        outcome.append(_word(answer.certificate if isinstance(answer, Margin) else answer))
+    return replace(found, attempts=tuple(log.attempts), margin=margin)
+
+
 def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, log: Log) -> Certified | Failure:
     """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
     first: Failure | None = None  # of the equilibrium that was asked about, the nearest one
@@ -270,7 +283,7 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
                 tried, setting = settled(setting, find, log, asked.outputs)
                 outcome.append(_word(tried))
             if isinstance(tried, Certificate):
-                return _beside_the_best(asked, setting, tried, log)
+                return _with_margin(asked, setting, _beside_the_best(asked, setting, tried, log), log)
             failure = tried
         first = first or failure
     return first or Failure(Reason.OUTSIDE, words.NOT_INSIDE)

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from persid._files import Json
 from persid._text import above, below
 from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
 from persid.models.model import PersidskiiModel
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
@@ -13,6 +14,10 @@ LISTED_STATES = 1000  # the operating point of a larger model is not listed
 NO_PLANT = (
     "It is about the model, not about the plant that was measured: how far the two agree is a question for the "
     "comparison with the measurements."
+)
+ASSUMED = (
+    "That the plant that was measured is one of those certified with the model is not proved: what the data say about "
+    "it is an estimate."
 )
 
 
@@ -22,6 +27,8 @@ class Summary:
 
     `best_rate` in 1/s is the best one that is proved, by this certificate or by another one with a larger gain.
     `output_gains` are those of the outputs of an output model, in their own units, in place of `gain`.
+    `residual_margin` has the numbers of `Margin`: delta (1/s) of the plants that are certified too, largest, radius,
+    resting, the width of each state, and the equations that are known.
     `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
     """
 
@@ -36,6 +43,7 @@ class Summary:
     evidence: Json | None = None
     output_gains: dict[str, float] | None = None
     best_rate: float | None = None
+    residual_margin: Json | None = None
 
     def to_dict(self) -> Json:
         """Return the object that `--json` prints."""
@@ -55,9 +63,37 @@ def summarize(verdict: Verdict) -> Summary:
         if isinstance(certificate, Certificate) and certificate.output_gains is not None:
             named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
         claim, scope = certificate.claim, certificate.scope
-        return Summary(name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate)
+        margin = None if verdict.margin is None else margin_facts(verdict.margin)
+        return Summary(
+            name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate, margin
+        )
     evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
+
+
+def margin_facts(margin: Margin) -> Json:
+    """Return the numbers of a residual margin, widths by the names of the states."""
+    states = margin.certificate.model.states
+    return {
+        "delta": margin.delta, "largest": margin.largest, "radius": margin.radius, "resting": margin.resting,
+        "width": dict(zip(states, margin.width.tolist(), strict=True)), "known": list(margin.known),
+    }  # fmt: skip
+
+
+def plants(margin: Margin, unit: str = "s", seconds: float = 1.0) -> tuple[str, str, str]:
+    """Return in three clauses which plants are certified with a model, what no margin can exceed, and what is assumed.
+
+    `unit` is a unit of time of so many `seconds`.
+    """
+    units = "in half widths of the data" if margin.certificate.model.domain is not None else "in the states' units"
+    exact = f"; {', '.join(margin.known)} known exactly" if margin.known else ""
+    delta, largest, radius, rests = (v * seconds for v in (margin.delta, margin.largest, margin.radius, margin.resting))
+    shares = f"{100 * largest / radius:.0f} % of the complex stability radius {radius:.4g}"
+    return (
+        f"certified too: every plant x' = F(x, u) + g with |g| <= {below(delta)} 1/{unit} |x - x*| ({units}{exact})",
+        f"largest number found {largest:.4g}, {shares}; beyond {rests:.4g} such a plant may rest elsewhere",
+        "that yours is one of them is not proved",
+    )
 
 
 def in_the_long_run(verdict: Certified) -> str:
@@ -94,7 +130,7 @@ def limits(verdict: Verdict, model: PersidskiiModel) -> tuple[str, ...]:
             "another kind of proof may decide it.",
             NO_PLANT,
         )
-    found = [NO_PLANT]
+    found = [NO_PLANT] if verdict.margin is None else [NO_PLANT, ASSUMED]
     if verdict.certificate.counts_b:
         found.append(
             "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "

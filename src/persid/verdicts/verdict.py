@@ -9,6 +9,7 @@ from persid._files import Json
 from persid._html import table
 from persid._text import above, below
 from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction
@@ -97,6 +98,7 @@ class Certified(_Verdict):
 
     `fastest` is another one, of the best rate that was proved: a smaller rate buys a smaller gain. None where
     `certificate` has that rate itself, or where none is proved.
+    `margin` says of which plants near the model the same is proved; None where it was not sought, or not found.
 
     Examples:
         >>> verdict = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]]))
@@ -107,6 +109,7 @@ class Certified(_Verdict):
     certificate: Certificate | NetworkCertificate
     attempts: tuple[Attempt, ...] = ()
     fastest: Certificate | None = None
+    margin: Margin | None = None
 
     def __str__(self) -> str:
         return f"Certified: {self.certificate.statement}"
@@ -134,7 +137,8 @@ class Certified(_Verdict):
         rate = [] if proof.rate is None else [("rate, 1/s", below(proof.rate))]
         gain = [] if proof.gain is None else [("gain", above(proof.gain))]
         best = [] if self.fastest is None else [("best proved rate, 1/s", below(self.best_rate or 0.0))]
-        return [("claim", proof.claim), *rate, *best, *gain]
+        near = [] if self.margin is None else [("plants within, 1/s", below(self.margin.delta))]
+        return [("claim", proof.claim), *rate, *best, *gain, *near]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,11 @@
 """The checker's own sentences on the ledger: what was proved, and the proof in the order of the specification."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.ledger.theorem import Proved, strips
-from persid_check.ledger.values import Ledger, Row
+from persid_check.ledger.values import Deviation, Ledger, Row
 from persid_check.sentences import SHOWN, counted, decimal, input_names, root, state_names
 
 _ZERO = Fraction(0)
@@ -24,7 +24,10 @@ def statement(ledger: Ledger, proved: Proved) -> str:
         parts.append(_plants(ledger))
     parts += list(_outputs(ledger))
     if proved.everywhere:
-        parts.append("The same holds, with the same numbers, about every equilibrium of every constant input.")
+        parts.append(
+            "The same holds, with the same numbers, about every equilibrium of every constant input, of which each has"
+            " exactly one."
+        )
     if proved.incremental:
         parts.append(_incremental(ledger))
     return " ".join(parts)
@@ -163,11 +166,34 @@ def _finally(ledger: Ledger, proved: Proved) -> str:
 
 
 def _plants(ledger: Ledger) -> str:
-    known = "|w|^2 <= |C zeta|^2 + epsilon^2 with the C and epsilon of the file"
+    """Name the plants that are meant; a bound by one number is rounded towards 0: each plant named is one of them."""
+    shown = " and of ".join(_deviation(ledger, deviation) for deviation in ledger.deviations[:SHOWN])
+    more = f" and so on ({len(ledger.deviations)} deviations)" if len(ledger.deviations) > SHOWN else ""
     return (
-        f"The deviations are {_clock(ledger).change} = F(x, u) + sum L w, {len(ledger.deviations)} of them,"
-        f" each {known}. That a plant obeys these bounds is assumed, not proved."
+        f"Meant is every plant {_clock(ledger).change} = F(x, u) + g with g the sum of L w for {shown}{more}."
+        " That a plant obeys these bounds is assumed, not proved."
     )
+
+
+def _deviation(ledger: Ledger, deviation: Deviation) -> str:
+    names = [*(f"({name} - {name}*)" for name in state_names(ledger.model.states))]
+    names += [f"(s{c + 1} - s{c + 1}*)" for c in range(len(ledger.model.channels))]
+    names += [f"({name} - {name}*)" for name in input_names(ledger.model.inputs)] + ["1"] * ledger.counts_b
+    states = state_names(ledger.model.states)
+    columns = [_sum(row, [f"e({name})" for name in states], _marked) for row in deviation.columns]
+    lines = [_sum(row, names, _towards_0 if len(row) == 1 else _marked) for row in deviation.C]
+    some = [f"({', '.join(each[:SHOWN])}{', ...' if len(each) > SHOWN else ''})" for each in (columns, lines)]
+    bound = f"|{some[1]}|^2" if lines else "0"
+    return f"L = {some[0]} and |w|^2 <= {bound} + {_towards_0(deviation.epsilon)}^2"
+
+
+def _sum(row: Row, names: Sequence[str], written: Callable[[Fraction], str]) -> str:
+    terms = [f"{written(r)} {names[i]}" for i, r in list(row.items())[:SHOWN]]
+    return (" + ".join(terms) or "0") + (" + ..." if len(row) > SHOWN else "")
+
+
+def _towards_0(value: Fraction) -> str:
+    return decimal(value, up=value < 0)
 
 
 def _outputs(ledger: Ledger) -> Iterator[str]:

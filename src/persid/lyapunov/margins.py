@@ -1,0 +1,164 @@
+"""The residual margin: how far a plant may be from its model, relative to the distance from the operating point.
+
+Meant is every plant x' = F(x, u) + g with |g / width| <= delta |(x - x*) / width|, g = 0 in equations that are known
+exactly, such as x1' = x2. The largest delta is found by bisection, one inequality with a deviation a step. Two numbers
+bound it from above: with J the Jacobian at x*, in units of width and L the columns of the equations that are not known,
+
+* the complex stability radius 1 / max_w |(jw - J)^-1 L|: for a larger delta the linear plants are not all stable,
+* min |F(x, u*)| / |x - x*| over the x at which the known equations rest: there such a plant may rest, g = -F.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from scipy.linalg import null_space
+from scipy.optimize import minimize
+
+from persid.lyapunov.deviations import Deviation
+from persid.lyapunov.rates import Question
+from persid.lyapunov.search import Outcome
+from persid.models.model import PersidskiiModel
+
+STEPS = 12  # bisections of delta
+CLOSE = 1.02  # ratio of the bounds of delta at which they end
+TOLERANCE = 1e-6  # relative, of the complex stability radius
+NEAREST = 1e-3  # widths from x*: nearer by, the ratio is that of the Jacobian, which the radius bounds
+RADII = 24  # distances from x* at which a search for another place of rest begins
+DIRECTIONS = 16
+DESCENTS = 4  # local searches from the best of these
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """In which units residuals g are measured, `width` (n,), and in which equations they are: those `free`."""
+
+    width: Float[ndarray, " n"]
+    free: Bool[ndarray, " n"]
+    size: int  # of zeta
+
+    @classmethod
+    def of(cls, model: PersidskiiModel, inputs: int) -> "Residuals":
+        """Measure them by half the width of the data, or in the states' units; x_i' = x_j, exactly, is no fit.
+
+        `inputs` are those of the inequality: where nothing is shifted, b counts as one more.
+        """
+        width = np.ones(model.n)
+        if model.domain is not None:
+            half = (model.domain[:, 1] - model.domain[:, 0]) / 2
+            width = np.where(half > 0, half, 1.0)
+        size = model.n + len(model.channels.functions) + inputs
+        return cls(width, ~known_equations(model), size)
+
+    def within(self, delta: float, epsilon: float = 0.0) -> Deviation:
+        """Return |g / width|^2 <= delta^2 |(x - x*) / width|^2 + epsilon^2 as a deviation."""
+        return Deviation.of_residual(self.width, self.free, delta, self.size, epsilon)
+
+
+def known_equations(model: PersidskiiModel) -> Bool[ndarray, " n"]:
+    """Return which equations are x_i' = x_j, j != i, with the coefficient 1 and nothing else: a definition, no fit."""
+    channels = model.channels
+    alone = ~(channels.columns.any(axis=1) | model.B.any(axis=1))
+    A0 = channels.A0
+    single = (np.count_nonzero(A0, axis=1) == 1) & (A0.max(axis=1, initial=0.0) == 1.0) & (np.diag(A0) == 0)
+    # b stands for x_ref_j there, up to the rounding with which it was written
+    shift = np.abs(model.b - A0 @ model.x_ref) <= 1e-12 * (np.abs(model.b) + 1)
+    return np.asarray(alone & single & shift)
+
+
+def complex_radius(J: Float[ndarray, "n n"], residuals: Residuals) -> float:
+    """Return the complex stability radius of J for such residuals, in 1/s; 0 where J is not stable.
+
+    The norm max_w |(jw - J)^-1 L| exceeds h exactly where [[J, L L'/h], [-I/h, -J']] has eigenvalues on the imaginary
+    axis; each pair of these names an interval in which it does (Bruinsma and Steinbuch 1990).
+    """
+    n, width = len(J), residuals.width
+    J = J / width[:, None] * width
+    if not np.isfinite(J).all() or np.linalg.eigvals(J).real.max() >= 0:
+        return 0.0
+    L = np.eye(n)[:, np.flatnonzero(residuals.free)]
+    if not L.shape[1]:
+        return np.inf
+
+    def norm(w: float) -> float:
+        return float(np.linalg.norm(np.linalg.solve(1j * w * np.eye(n) - J, L), 2))
+
+    eigenvalues = np.linalg.eigvals(J)
+    best = max(norm(w) for w in (0.0, *np.abs(eigenvalues.imag), *np.abs(eigenvalues)))
+    for _ in range(50):
+        h = best * (1 + TOLERANCE)
+        values = np.linalg.eigvals(np.block([[J, L @ L.T / h], [-np.eye(n) / h, -J.T]]))
+        on_axis = np.sort(values.imag[np.abs(values.real) < 1e-8 * np.abs(values).max()])
+        middles = (on_axis[1:] + on_axis[:-1]) / 2
+        larger = max((norm(float(w)) for w in middles), default=0.0)
+        if larger <= h:
+            return 1 / best
+        best = larger
+    return 1 / best
+
+
+def resting_bound(
+    model: PersidskiiModel,
+    x_star: Float[ndarray, " n"],
+    u: Float[ndarray, " m"],
+    residuals: Residuals,
+    box: Float[ndarray, "n 2"] | None = None,
+) -> float:
+    """Return the smallest |F(x, u) / width| / |(x - x*) / width| that is found, in 1/s: a bound from above.
+
+    Looked at are x (of a box) from near x* to ten widths away, and a few of them improved by a local search.
+    """  # fmt: skip
+    width, known = residuals.width, ~residuals.free
+    # the known equations x_i' = x_j rest where their right side is 0, as it is at x*
+    basis = null_space(model.channels.A0[known] * width) if known.any() else np.eye(model.n)
+    if not basis.shape[1]:
+        return np.inf
+
+    def ratio(s: Float[ndarray, " d"]) -> float:
+        size = float(np.linalg.norm(s))
+        if size < NEAREST:
+            return np.inf
+        x = x_star + width * (basis @ s)
+        if box is not None and not ((box[:, 0] <= x) & (x <= box[:, 1])).all():
+            return np.inf
+        with np.errstate(all="ignore"):
+            rest = model.rhs(x, u) / width
+        value = float(np.linalg.norm(rest[residuals.free])) / size
+        return value if np.isfinite(value) else np.inf
+
+    rng = np.random.default_rng(0)
+    d = basis.shape[1]
+    directions = rng.normal(size=(DIRECTIONS * d, d))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    starts = [r * v for r in np.geomspace(10 * NEAREST, 10.0, RADII) for v in (*directions, *-directions)]
+    values = np.array([ratio(s) for s in starts])
+    best = float(values.min())
+    for k in np.argsort(values)[:DESCENTS]:
+        found = minimize(ratio, starts[k], method="Nelder-Mead", options={"maxfev": 200 * d})
+        best = min(best, float(found.fun))
+    return best
+
+
+def largest_margin(
+    question: Question, residuals: Residuals, most: float, kappa: float, left: Callable[[], float]
+) -> tuple[float, Outcome | None]:
+    """Return the largest delta, to 2 %, for which an inequality of this rate is met, and the outcome there.
+
+    `most` bounds it from above. 0 and None where none is found.
+    """
+    best: Outcome | None = None
+    low, high, trial = 0.0, most, 0.9 * most
+    for _ in range(STEPS):
+        if left() <= 0 or not np.isfinite(most) or most <= 0:
+            break
+        found = replace(question, deviations=(residuals.within(trial),)).ask(kappa, None, best, left)
+        if found is None:
+            high = trial
+        else:
+            best, low = found, trial
+        if low and high < CLOSE * low:
+            break
+        trial = 0.5 * (low + high) if low else 0.3 * high
+    return low, best

@@ -1,0 +1,66 @@
+"""Search for the residual margin of a certified model, and for the certificate of every plant within it."""
+
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
+from persid.lyapunov.deviations import Deviation
+from persid.lyapunov.interior_point import Status
+from persid.lyapunov.margins import Residuals, complex_radius, largest_margin, resting_bound
+from persid.lyapunov.multipliers import Lyapunov, choose
+from persid.lyapunov.rates import Question, smallest_gain
+from persid.lyapunov.shifted_model import Setting
+from persid.verdicts.failures import Failure, stopped
+from persid.verdicts.log import Log
+from persid.verdicts.searches import settled
+
+SHARES = (0.9, 0.6)  # of the largest delta at which a certificate is made: with room for rounding
+SLOW = (0.1, 0.03, 0.01)  # of the decay rate of the linearisation: what is asked for; a region needs one of them
+GAINS = 5  # steps towards the smallest gain
+MARGIN_STATES = 20  # up to so many states it is sought
+
+
+def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Margin | Failure:
+    """Return the residual margin of a model that is certified in a setting, at the constant input u."""
+    model, J = setting.model, setting.jacobian
+    x_star = model.x_ref if setting.point is None else setting.point.x
+    residuals = Residuals.of(model, setting.system.B.shape[1])
+    radius = complex_radius(J, residuals)
+    resting = resting_bound(model, x_star, u, residuals, setting.box)
+    fastest = -2 * float(np.linalg.eigvals(J).real.max())
+    slowest = 0.0 if setting.box is None else SLOW[-1] * fastest
+    largest, found = largest_margin(_question(setting), residuals, min(radius, resting), slowest, log.left)
+    if found is None:
+        return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
+    failure = stopped(Status.TIME)
+    for share in SHARES:
+        find = partial(_slowly, fastest=fastest, deviation=residuals.within(share * largest), log=log)
+        answer, setting = settled(setting, find, log)
+        if isinstance(answer, Certificate):
+            known = tuple(name for name, free in zip(model.states, residuals.free, strict=True) if not free)
+            return Margin(largest, radius, resting, residuals.width, known, answer)
+        failure = answer
+    return failure
+
+
+def _question(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Question:
+    reach = setting.reach
+    shape = None if reach is None else 1 / reach**2
+    full_P = setting.model.n > 1
+    return Question(setting.system, setting.pools, setting.upper, setting.below, full_P, shape, deviations)
+
+
+def _slowly(setting: Setting, fastest: float, deviation: Deviation, log: Log) -> Lyapunov | Failure:
+    """Return a Lyapunov function of all plants within a deviation, with a rate and its gain where there is one."""
+    question = _question(setting, (deviation,))
+    for share in (*SLOW, *((0.0,) if setting.box is None else ())):
+        found = question.ask(share * fastest, None, None, log.left)
+        if found is not None:
+            gentle = smallest_gain(question, share * fastest, found, log.left, GAINS) if share else None
+            best = gentle or found
+            return choose(best.assembly, best.solution.y, setting.lower)
+    return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
