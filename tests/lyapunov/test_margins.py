@@ -19,7 +19,7 @@ def _largest(model: ps.PersidskiiModel) -> tuple[float, float]:
     return largest_margin(question, residuals, radius, 0.0, lambda: np.inf)[0], radius
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_radius_is_what_frequencies_show(seed: int) -> None:
     """The radius is the least of 1 / |(jw - J)^-1 L| over a fine grid of frequencies, to the grid's error."""
     rng = np.random.default_rng(seed)
@@ -35,14 +35,14 @@ def test_radius_is_what_frequencies_show(seed: int) -> None:
     assert complex_radius(J + 10 * np.eye(n), Residuals(width, free, n)) == 0.0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_margin_of_a_linear_model_is_its_complex_radius(seed: int) -> None:
-    """For linear models a quadratic V reaches the complex stability radius: nothing is lost but the bisection's 2 %."""
+    """For linear models a quadratic V reaches the complex stability radius: nothing is lost but the bisection's 4 %."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(3, 3))
     A -= (np.linalg.eigvals(A).real.max() + 0.3) * np.eye(3)
     largest, radius = _largest(ps.PersidskiiModel(A, B=[[1.0], [0.0], [0.0]]))
-    assert 0.96 * radius <= largest <= radius
+    assert 0.94 * radius <= largest <= radius
 
 
 def test_margin_of_a_saturated_model_ends_where_a_plant_rests() -> None:
@@ -52,7 +52,7 @@ def test_margin_of_a_saturated_model_ends_where_a_plant_rests() -> None:
     resting = resting_bound(model, model.x_ref, model.u_ref, Residuals.of(model, model.m))
     assert radius == pytest.approx(3.0)
     assert 1 < resting <= 1.2  # (x + 2 tanh x) / x, at ten widths and beyond
-    assert 0.9 < largest <= 1.02
+    assert 0.9 < largest <= 1.0
 
 
 def test_a_definition_is_no_fit() -> None:

@@ -46,13 +46,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="One gain for all inputs together, or one for each input.",
 )
+@click.option("--plants", type=NEW_FILE, help="Write the certificate of every plant within the residual margin, too.")
 @click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
 @batching
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    rate: float | None, gains: str, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool,
-    quiet: bool,
+    rate: float | None, gains: str, plants: Path | None, explain: bool, jobs: int, engine: str, scheduler: str | None,
+    as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
@@ -74,7 +75,8 @@ def certify(
     targets = _targets(models, output)
     asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains}
     alone = read_model(models[0]) if len(models) == 1 else None
-    for target in targets:
+    beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
+    for target in (*targets, *filter(None, beside)):
         refuse_unwritable(target)
     with talk.progress() as progress:
         if alone is not None:
@@ -83,8 +85,11 @@ def certify(
             chosen = None if engine == "processes" and jobs == 1 else engine
             verdicts = certify_many(models, engine=chosen, jobs=jobs, scheduler=scheduler, progress=progress, **asked)
     found, rows, codes = [], [], []
-    for path, verdict, target in zip(models, verdicts, targets, strict=True):
+    for path, verdict, target, second in zip(models, verdicts, targets, beside, strict=True):
         facts, lines, code = _told(path, verdict, target, explain, rate)
+        if second is not None:
+            facts["plants"] = _write_plants(verdict, second)
+            lines.append(("plants file", facts["plants"] or "none written"))
         found.append({"model": str(path), **facts})
         rows += [("model", str(path)), *lines]
         codes.append(code)
@@ -176,6 +181,17 @@ def _write_proof(verdict: "Verdict", model: "PersidskiiModel | OutputModel", tar
     if target.is_file() and model.sha256 not in target.read_text(encoding="utf-8", errors="replace"):
         target.unlink()
     return None
+
+
+def _write_plants(verdict: Any, target: Path) -> str | None:
+    """Write the certificate of every plant within the residual margin, where there is one; an old one goes."""
+    margin = getattr(verdict, "margin", None)
+    if margin is None:
+        target.unlink(missing_ok=True)
+        return None
+    target.parent.mkdir(parents=True, exist_ok=True)
+    margin.certificate.save(target)
+    return str(target)
 
 
 def _is_certificate_of(model: "PersidskiiModel | OutputModel", path: Path) -> bool:

@@ -92,7 +92,14 @@ def run(
     from persid.measurements.readers import read_measurements
     from persid.measurements.recordings import without_still_inputs
     from persid.reports import layout
-    from persid.reports.comparison import alternative_rows, cautions, comparison_rows, score_facts, score_rows
+    from persid.reports.comparison import (
+        alternative_rows,
+        cautions,
+        comparison_rows,
+        measured_margin,
+        score_facts,
+        score_rows,
+    )
     from persid.reports.folder import write_folder
     from persid.reports.record import Record, sources, versions
     from persid.reports.results import Results, held_out
@@ -155,11 +162,14 @@ def run(
     files = {name: str(path) for name, path in paths.items()}
     report = fit.report_
     rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
-    beside = cautions(verdict, made.scores, measured, made.model)
+    within = measured_margin(verdict, measured, fit.hold)
+    beside = cautions(verdict, made.scores, measured, made.model, fit.hold)
     rows += [*_remarks(report), *advice_rows(diagnosis), *verdict_rows(verdict, rate)]
-    rows += [*(("but", doubt) for doubt in beside), *alternative_rows(made), *list(files.items())[1:]]
+    rows += [*([("of the data", within[1])] if within else []), *(("but", doubt) for doubt in beside)]
+    rows += [*alternative_rows(made), *list(files.items())[1:]]
     said = {
         "caution": "; ".join(beside) or None,
+        "residuals_within": None if within is None else within[0],
         "fits": (made.comparison or {}).get("fits"),
         "files": files,
         **score_facts(made),

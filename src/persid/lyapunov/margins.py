@@ -23,7 +23,7 @@ from persid.lyapunov.search import Outcome
 from persid.models.model import PersidskiiModel
 
 STEPS = 12  # bisections of delta
-CLOSE = 1.02  # ratio of the bounds of delta at which they end
+CLOSE = 1.04  # ratio of the bounds of delta at which they end
 TOLERANCE = 1e-6  # relative, of the complex stability radius
 NEAREST = 1e-3  # widths from x*: nearer by, the ratio is that of the Jacobian, which the radius bounds
 RADII = 24  # distances from x* at which a search for another place of rest begins
@@ -144,7 +144,7 @@ def resting_bound(
 def largest_margin(
     question: Question, residuals: Residuals, most: float, kappa: float, left: Callable[[], float]
 ) -> tuple[float, Outcome | None]:
-    """Return the largest delta, to 2 %, for which an inequality of this rate is met, and the outcome there.
+    """Return the largest delta, to 4 %, for which an inequality of this rate is met, and the outcome there.
 
     `most` bounds it from above. 0 and None where none is found.
     """

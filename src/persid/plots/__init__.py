@@ -30,7 +30,7 @@ from persid.plots.measured import (
     residuals,
     validation_curve,
 )
-from persid.plots.proofs import bound, largest_input, level_sets, sector_forms
+from persid.plots.proofs import bound, largest_input, level_sets, residual_margin, sector_forms
 from persid.plots.style import FIELD, FORM, INK, LEVEL, MEASURED, MODEL, plain, short
 
 __all__ = [
@@ -59,6 +59,7 @@ __all__ = [
     "overview",
     "phase_portrait",
     "plain",
+    "residual_margin",
     "residuals",
     "sector_forms",
     "short",

@@ -12,6 +12,7 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.claims import Part
 from persid.measurements.trajectory import Trajectory
 from persid.networks.certificate import NetworkCertificate
+from persid.plants.residuals import Measured
 from persid.plots.fields import box_of, mesh, phase_portrait
 from persid.plots.style import DASHES, FIELD, FORM, INK, LEVEL, MEASURED, MODEL, thin, tidy
 
@@ -109,6 +110,26 @@ def bound(
 
 def _distance(certificate: Proof, run: Trajectory) -> ndarray:
     return np.asarray(np.linalg.norm(run.x - certificate.operating_point, axis=1))
+
+
+def residual_margin(ax: Axes, measured: Measured, delta: float, epsilon: float) -> Axes:
+    """Draw the residual of each window of the measurements against its distance from x*, and the margin delta |x - x*|.
+
+    Dashed is the margin with a constant part epsilon. What lies below a line is allowed by it. Units are those of the
+    margin: half widths of the data, and of the data a second.
+    """
+    within = measured.size <= delta * measured.distance
+    for chosen, color, label in ((within, MEASURED, "windows inside"), (~within, MODEL, "windows outside")):
+        ax.plot(measured.distance[chosen], measured.size[chosen], ".", ms=3, color=color, alpha=0.6, label=label)
+    reach = np.array([0.0, float(measured.distance.max(initial=1e-300))])
+    ax.plot(reach, delta * reach, color=LEVEL, lw=2, label="residual margin")
+    ax.plot(reach, delta * reach + epsilon, color=LEVEL, lw=1.2, ls=DASHES, label="with a constant part")
+    ax.set_xlim(left=0)
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel("distance from x*")
+    ax.set_ylabel("|g|, 1/s")
+    ax.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    return tidy(ax)
 
 
 def sector_forms(ax: Axes, certificate: Certificate, group: int) -> Axes:

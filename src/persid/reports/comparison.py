@@ -12,6 +12,7 @@ from persid.identification.scores import Scores
 from persid.lyapunov.operating_points import find_operating_point
 from persid.measurements.recordings import Measurements
 from persid.models.model import PersidskiiModel
+from persid.plants.residuals import doubt, inside, measured_residuals
 from persid.verdicts.verdict import Certified, Refuted, Verdict
 
 UNDER = "under the certificate"
@@ -19,17 +20,28 @@ MOST_STATES = 20  # of an undecided model whose equilibrium is sought anew
 
 
 def cautions(
-    verdict: Verdict, scores: Scores | None, data: Measurements | None = None, model: Any = None
+    verdict: Verdict, scores: Scores | None, data: Measurements | None = None, model: Any = None, hold: str = "zoh"
 ) -> tuple[str, ...]:
     """Return what must stand beside a verdict, in clauses; none where all is well.
 
-    What is certified may not be shown to foretell, and any verdict may be about a point that does not occur in the
-    data; `model` tells that point where the verdict does not.
+    What is certified may not be shown to foretell, the measured residuals may not fit into its margin, and any verdict
+    may be about a point that does not occur in the data; `model` tells that point where the verdict does not.
     """
     found = list(scores.doubts) if scores is not None and isinstance(verdict, Certified) else []
     if found:
         found[-1] += ": the proof is about the model, not about the plant"
+    if data is not None and isinstance(verdict, Certified) and verdict.margin is not None:
+        measured = measured_residuals(verdict.certificate.model, verdict.margin, data, hold)
+        found += [said for said in [doubt(measured, verdict.margin)] if said]
     return (*found, *(_outside(*_nominal(verdict, model), data) if data is not None else ()))
+
+
+def measured_margin(verdict: Verdict, data: Measurements, hold: str) -> tuple[float, str] | None:
+    """Return the share of the measured residuals within the margin, and what to say of it; None without a margin."""
+    if not isinstance(verdict, Certified) or verdict.margin is None:
+        return None
+    measured = measured_residuals(verdict.certificate.model, verdict.margin, data, hold)
+    return measured.share(verdict.margin.delta), inside(measured, verdict.margin)
 
 
 def _nominal(verdict: Verdict, model: Any) -> tuple[ndarray | None, ndarray | None]:

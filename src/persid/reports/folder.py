@@ -15,7 +15,8 @@ def write_folder(output: Path, results: Results, beside: Any = None) -> str:
 
     The certified model that was not delivered goes into a folder of its own.
     """
-    proofs = [layout.CERTIFICATE, layout.FASTEST, layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE]
+    proofs = [layout.CERTIFICATE, layout.FASTEST, layout.PLANTS, layout.MARGIN]
+    proofs += [layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE]
     with delivery(output, [*proofs, f"{layout.FIGURES}/*.png", f"{layout.ALTERNATIVE}/*.json"]) as stage:
         results.model.save(stage / layout.MODEL)
         proof = write_verdict(stage, results.verdict, results.model)

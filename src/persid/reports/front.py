@@ -40,7 +40,7 @@ def front(results: Results) -> Front:
     """Return status and sentence: green only where the proof holds and the model foretells what it has not seen."""
     verdict, scores = results.verdict, _scores(results)
     told = "" if scores is None else f"; {foretelling(scores)}"
-    found = cautions(verdict, scores, results.data, results.model)
+    found = cautions(verdict, scores, results.data, results.model, results.hold)
     doubts = tuple(map(_capital, found))
     if not isinstance(verdict, Certified):
         if isinstance(verdict, Refuted):
@@ -104,7 +104,7 @@ def _from_zero(run: Trajectory) -> Trajectory:
 def _free_runs(model: PersidskiiModel, measured: Trajectory, results: Results) -> list[Trajectory]:
     """Return the free run from the first sample; where it blows up, as that of an unstable plant may, runs as long as
     those of the score, one behind the other."""
-    hold = results.record.fit.hold if results.record and results.record.fit else "zoh"
+    hold = results.hold
     whole = _free_run(model, measured, hold)
     scores = _scores(results)
     if scores is None or len(whole) == len(measured) or scores.headline.whole:

@@ -22,11 +22,11 @@ from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
 from persid.reports.figures import Drawing, FreeRun
 from persid.reports.front import front, picture
-from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, REPORT, WITNESS
+from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, PLANTS, REPORT, WITNESS
 from persid.reports.output_page import write_output_report
 from persid.reports.results import Results
 from persid.reports.templating import environment
-from persid.verdicts.summary import limits, summarize
+from persid.verdicts.summary import limits, plants, summarize
 from persid.verdicts.verdict import Certified, Refuted, Verdict
 
 CELLS, COLUMNS = 4000, 20  # a larger table of coefficients is left to model.json
@@ -89,6 +89,7 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
         "fits": drawings.fits(compared, model.states),
         "candidates": drawings.candidates(compared),
         "proof": portraits.of_verdict(results.verdict, model, runs),
+        "plants": portraits.plants(results.verdict, data, results.hold),
         "attempts": drawings.attempts(results.verdict),
     }
 
@@ -113,6 +114,8 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         headline=verdict.headline,
         front=front(results),
         limits=limits(verdict, model),
+        plants=plants(verdict.margin) if isinstance(verdict, Certified) and verdict.margin else (),
+        plants_file=PLANTS,
         certificate=verdict.certificate if isinstance(verdict, Certified) else None,
         gains=_gains(verdict, model),
         evidence=getattr(verdict, "evidence", None),

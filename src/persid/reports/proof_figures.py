@@ -10,9 +10,11 @@ from persid import plots
 from persid._dyadics import value
 from persid.certificates.certificate import Certificate
 from persid.errors import PersidError
+from persid.measurements.recordings import Measurements
 from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate
+from persid.plants.residuals import inside, measured_residuals
 from persid.reports.figures import Drawing, FreeRun, legend, number, side_by_side
 from persid.verdicts.verdict import Certified, Verdict
 
@@ -33,6 +35,23 @@ def of_verdict(verdict: Verdict, model: PersidskiiModel, runs: Sequence[FreeRun]
         return [_portrait(model, pair, measured, certificate.operating_point[None]) for pair in _pairs(model.n)]
     levels = [_level_sets(certificate, pair, measured) for pair in _pairs(model.n)]
     return [*_bound(certificate, runs), *levels, *_sectors(certificate)]
+
+
+def plants(verdict: Verdict, data: Measurements | None, hold: str) -> list[Drawing]:
+    """Draw the measured residuals against the residual margin, where there is one."""
+    margin = verdict.margin if isinstance(verdict, Certified) else None
+    if margin is None or data is None:
+        return []
+    measured = measured_residuals(margin.certificate.model, margin, data, hold)
+    if not len(measured.size):
+        return []
+    figure, axes = side_by_side(1, 3.4)
+    plots.residual_margin(axes[0], measured, margin.delta, measured.epsilon(margin.delta))
+    caption = (
+        f"What the plant did beyond the model, window by window, against its distance from x* (both in "
+        f"half widths of the data): {inside(measured, margin)} (dashed)."
+    )
+    return [Drawing("plants", figure, caption, caption)]
 
 
 def _pairs(n: int) -> list[tuple[int, int]]:

@@ -38,6 +38,11 @@ class Results:
         """The model of the states, whose outputs may be what was measured."""
         return self.model.dynamics if isinstance(self.model, OutputModel) else self.model
 
+    @property
+    def hold(self) -> str:
+        """How the fit took the inputs between samples."""
+        return self.record.fit.hold if self.record and self.record.fit else "zoh"
+
 
 def held_out(data: Trajectories | None, scores: Scores | None) -> Trajectories | None:
     """Return the part of the measurements that was held out for scores, if any was."""

@@ -4,20 +4,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from persid._files import json_object
 from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
 from persid.errors import FolderError, RejectedError
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, companion
-from persid.reports.layout import CERTIFICATE, FASTEST, INFEASIBLE, MODEL, OBSTRUCTION, WITNESS
+from persid.reports.layout import CERTIFICATE, FASTEST, INFEASIBLE, MARGIN, MODEL, OBSTRUCTION, PLANTS, WITNESS
 from persid.reports.objects import read_object, write_object
 from persid.verdicts.checking import load_certificate
+from persid.verdicts.summary import margin_facts
 from persid.verdicts.verdict import Attempt, Certified, Refuted, Undecided, Verdict
 
 FORMAT = "persid-obstruction-1"
+MARGIN_FORMAT = "persid-margin-1"
 
 
 def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | OutputModel) -> str:
@@ -26,6 +31,9 @@ def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | Outpu
         verdict.certificate.save(folder / CERTIFICATE)
         if verdict.fastest is not None:
             verdict.fastest.save(folder / FASTEST)
+        if verdict.margin is not None:
+            verdict.margin.certificate.save(folder / PLANTS)
+            write_object(folder / MARGIN, {"format": MARGIN_FORMAT, **margin_facts(verdict.margin)})
         return CERTIFICATE
     if isinstance(verdict, Undecided):
         proof = INFEASIBLE if verdict.obstruction else None
@@ -46,7 +54,9 @@ def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: t
     """
     if (folder / CERTIFICATE).is_file():
         fastest = _proof(folder / FASTEST, model, _stability) if (folder / FASTEST).is_file() else None
-        return Certified(_proof(folder / CERTIFICATE, model, load_certificate), attempts, fastest)
+        return Certified(
+            _proof(folder / CERTIFICATE, model, load_certificate), attempts, fastest, _margin(folder, model)
+        )
     if (folder / WITNESS).is_file():
         return Refuted(_proof(folder / WITNESS, model, _witness), attempts)
     if not (folder / OBSTRUCTION).is_file():
@@ -60,6 +70,19 @@ def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: t
         return Undecided.from_dict(content, proof)
     except (KeyError, TypeError) as error:
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
+
+
+def _margin(folder: Path, model: PersidskiiModel | OutputModel) -> Margin | None:
+    """Return the residual margin that stands beside a certificate, its certificate checked again; None without one."""
+    if not (folder / PLANTS).is_file() or not (folder / MARGIN).is_file():
+        return None
+    content, proof = read_object(folder / MARGIN, MARGIN_FORMAT), _proof(folder / PLANTS, model, _stability)
+    try:
+        width = np.array([float(content["width"][name]) for name in proof.model.states])
+        largest, radius, resting = (float(content[name]) for name in ("largest", "radius", "resting"))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FolderError(f"{folder / MARGIN}: {error} is missing or no number") from None
+    return Margin(largest, radius, resting, width, tuple(content["known"]), proof)
 
 
 Proof = TypeVar("Proof", Certificate | NetworkCertificate, Certificate, Witness, Obstruction | NetworkObstruction)

@@ -20,7 +20,7 @@ from persid.verdicts.searches import settled
 
 SHARES = (0.9, 0.6)  # of the largest delta at which a certificate is made: with room for rounding
 SLOW = (0.1, 0.03, 0.01)  # of the decay rate of the linearisation: what is asked for; a region needs one of them
-GAINS = 5  # steps towards the smallest gain
+GAINS = 3  # steps towards the smallest gain
 MARGIN_STATES = 20  # up to so many states it is sought
 
 

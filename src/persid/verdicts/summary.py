@@ -64,9 +64,7 @@ def summarize(verdict: Verdict) -> Summary:
             named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
         claim, scope = certificate.claim, certificate.scope
         margin = None if verdict.margin is None else margin_facts(verdict.margin)
-        return Summary(
-            name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate, margin
-        )
+        return Summary(name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate, margin)
     evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import UnderdeterminedError
@@ -47,17 +48,23 @@ def window_rows(run: Trajectory, count: int | None, basis: Basis, window: int, h
 
 
 def _integrals(piece: Trajectory, basis: Basis, window: int, hold: str) -> ndarray:
-    count, p = len(piece) - window, basis.state_columns
-    du, h = piece.u - basis.u_ref, np.diff(piece.t)
-    values = basis.values(piece.x)
-    out = np.empty((count, basis.size))
-    _simpson(h, values, window, out[:, :p])
-    if hold == "zoh":
-        _window_sums(du[:-1] * h[:, None], window, 1, out[:, p:-1])
-    else:
-        _simpson(h, du, window, out[:, p:-1])
+    out = np.empty((len(piece) - window, basis.size))
+    integrate(piece.t, basis.values(piece.x), piece.u - basis.u_ref, window, hold, out[:, :-1])
     out[:, -1] = piece.t[window:] - piece.t[:-window]
     return out
+
+
+def integrate(
+    t: Float[ndarray, " N"], values: Float[ndarray, "N p"], du: Float[ndarray, "N m"], window: int, hold: str,
+    out: Float[ndarray, "K c"],
+) -> None:  # fmt: skip
+    """Write the integrals of functions of the state and of inputs over every window of so many steps to `out`."""
+    h, p = np.diff(t), values.shape[1]
+    _simpson(h, values, window, out[:, :p])
+    if hold == "zoh":
+        _window_sums(du[:-1] * h[:, None], window, 1, out[:, p:])
+    else:
+        _simpson(h, du, window, out[:, p:])
 
 
 def _simpson(h: ndarray, values: ndarray, window: int, out: ndarray) -> None:
