@@ -68,7 +68,7 @@ def test_any_two_solutions() -> None:
 def test_bounds_of_plants_hold_their_constant_deviations() -> None:
     """Every number of a certificate of plants counts what the constant part of a deviation adds."""
     plain = as_ledger(json.loads((VALID / "e_gains.json").read_bytes()))
-    deviation = {"columns": [[[0, [1, -4]]]], "C": [], "s": [1, -3], "epsilon": [3, 0]}
+    deviation = {"columns": [[[0, [1, -20]]]], "C": [], "s": [1, -3], "epsilon": [3, 0]}
     model, plants = (Certificate.accept(encode(with_proof(plain | {"deviations": each}))) for each in ([], [deviation]))
     x0 = model.operating_point + 1.0
     unit = float(plants.stated.kappa * plants.stated.p)
