@@ -89,7 +89,7 @@ def test_certify_writes_the_ledger() -> None:
 def test_what_has_no_partition_is_written_as_version_1(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no ledger can be written, the certificate of version 1 that the checker accepts is the answer."""
 
-    def nothing(content: object) -> None:
+    def nothing(*content: object) -> None:
         raise RoundingError("no proof")
 
     monkeypatch.setattr(stability, "as_ledger", nothing)
@@ -99,3 +99,4 @@ def test_what_has_no_partition_is_written_as_version_1(monkeypatch: pytest.Monke
         "persid-certificate-1",
         "rate-and-gain",
     )
+    assert verdict.margin is None  # version 1 has no place for deviations

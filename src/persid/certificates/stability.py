@@ -44,11 +44,11 @@ def prove(
     if outputs is not None:
         return with_outputs(Certificate.accept(encode(content)), outputs)
     deviations = [_deviation(*pair) for pair in zip(lyapunov.deviations, lyapunov.s, strict=True)]
-    if deviations:
-        return Certificate.accept(encode(as_ledger(content, deviations)))
     try:
-        return Certificate.accept(encode(as_ledger(content)))
+        return Certificate.accept(encode(as_ledger(content, deviations)))
     except (RejectedError, RoundingError):
+        if deviations:
+            raise
         return Certificate.accept(encode(content))
 
 
