@@ -25,16 +25,32 @@ def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None
         return X if isinstance(X, Trajectories) else _from_runs(X)
     if t is not None and dt is not None:
         raise DataError("both times t and a step dt were given; give one of them")
+    if hasattr(X, "data_vars"):
+        if u is not None or t is not None or dt is not None:
+            raise DataError(
+                "a Dataset holds its times; Trajectories.from_xarray(dataset, inputs=[...]) names its inputs"
+            )
+        return Trajectories.from_xarray(X)
     frames = X if isinstance(X, list | tuple) else [X]
-    if frames and all(hasattr(frame, "columns") or hasattr(frame, "iloc") for frame in frames):
+    if frames and all(any(hasattr(one, name) for name in ("columns", "iloc", "coords")) for one in frames):
         from persid.measurements.frames import beside
 
         return Trajectories.of(beside(list(frames), u, t, dt))
+    X, u = (_unmasked(part) for part in (X, u))
     if not (isinstance(X, list | tuple) and X and np.ndim(X[0]) == 2):
         X = check_array(X, dtype=np.float64, ensure_min_samples=2, input_name="X")
     if t is None and dt is None:
         raise DataError("X is an array without times; give the step dt=... or the times t=..., in s")
     return Trajectories.from_arrays(X, u, t=t, dt=dt)
+
+
+def _unmasked(value: Any) -> Any:
+    """Return a masked array as a plain one, NaN where it is masked: its numbers there are none."""
+    if isinstance(value, list | tuple):
+        return [_unmasked(part) for part in value]
+    if not isinstance(value, np.ma.MaskedArray):
+        return value
+    return np.ma.filled(np.ma.array(value, dtype=float), np.nan)
 
 
 def refuse_target(y: Any) -> None:

@@ -1,6 +1,6 @@
 """Trajectories with labels: to and from pandas DataFrames and xarray Datasets."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,29 +20,50 @@ if TYPE_CHECKING:
 
 def runs_of_frames(
     frame: pd.DataFrame | Sequence[pd.DataFrame],
-    states: Sequence[str] | None,
-    inputs: Sequence[str],
+    states: Sequence[Hashable] | None,
+    inputs: Sequence[Hashable],
     **reading: Any,
 ) -> Runs:
     """Return the runs of DataFrames; see `Trajectories.from_dataframe`."""
     frames = [frame] if isinstance(frame, pd.DataFrame) else list(frame)
     if not frames or not all(isinstance(item, pd.DataFrame) for item in frames):
         raise DataError("a DataFrame, or a list of them, is needed")
+    known = [_known_names(item) for item in frames]
+    wanted = None if states is None else [known[0].get(name, str(name)) for name in states]
+    acting, frames = [known[0].get(name, str(name)) for name in inputs], [_flat(item) for item in frames]
     time, dt, run = (reading.get(name) for name in ("time", "dt", "run"))
     tables = [table for i, item in enumerate(frames) for table in _episodes(f"table {i + 1}", item, time, dt)]
     notes: tuple[str, ...] = ()
-    if states is None:
+    if wanted is None:
         columns = tables[0].frame
-        free = [name for name in columns if str(name) not in (*inputs, time, run)]
+        free = [name for name in columns if str(name) not in (*acting, time, run)]
         clocks = [name for name in free if is_clock(name) or holds_dates(columns[name])]
-        states = [str(name) for name in free if name not in clocks]
+        wanted = [str(name) for name in free if name not in clocks]
         notes = tuple(
             f"the column {str(name)!r} is taken as a time, not as a state"
             for name in clocks if name in frames[0].columns
         )  # fmt: skip
     asked = {"time": None, "dt": None, "gap": None, "missing": "error"} | reading
-    data = runs_of_tables(iter(tables), Columns(tuple(states), tuple(inputs), **asked))
+    data = runs_of_tables(iter(tables), Columns(tuple(wanted), tuple(acting), **asked))
     return replace(data, notes=(*data.notes, *notes))
+
+
+def _flat(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose columns have names of one level: the last one where it tells them apart, else all."""
+    if not isinstance(frame.columns, pd.MultiIndex):
+        return frame
+    parts = [[str(level) for level in column if str(level)] for column in frame.columns]
+    last = [part[-1] for part in parts]
+    names = last if len(set(last)) == len(last) else [".".join(part) for part in parts]
+    return frame.set_axis(names, axis=1)
+
+
+def _known_names(frame: pd.DataFrame) -> dict[Any, str]:
+    """Return the names of columns of several levels, by their levels and by these joined with points."""
+    if not isinstance(frame.columns, pd.MultiIndex):
+        return {}
+    named = dict(zip(frame.columns, _flat(frame).columns, strict=True))
+    return named | {".".join(str(level) for level in column if str(level)): name for column, name in named.items()}
 
 
 def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Runs:
@@ -83,7 +104,7 @@ def _as_frame(value: Any, letter: str) -> pd.DataFrame:
         value = value.to_frame(None if value.name is None else str(value.name))
     if not isinstance(value, pd.DataFrame):
         value = value.to_pandas() if hasattr(value, "to_pandas") else pd.DataFrame(np.asarray(value))
-    frame: pd.DataFrame = value
+    frame = _flat(value)
     names = [c if isinstance(c, str) else f"{letter}{k + 1}" for k, c in enumerate(frame.columns)]
     return frame.set_axis(names, axis=1)
 
@@ -132,7 +153,7 @@ def is_index_a_clock(frame: pd.DataFrame, time: str | None) -> bool:
 def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     index = frame.index
     flat = frame.rename_axis(str(index.name or "t")).reset_index() if use_index else frame.reset_index(drop=True)
-    return Table(name, flat, lambda k: f"row {index[k]}")
+    return Table(name, flat, lambda k: f"row {index[k]:.12g}" if isinstance(index[k], float) else f"row {index[k]}")
 
 
 def to_dataframe(runs: Sequence[Trajectory], names: list[str]) -> pd.DataFrame:

@@ -232,7 +232,7 @@ Kind = TypeVar("Kind", bound=Trajectories | Recordings)
 
 def is_large(X: Any) -> bool:
     """Return whether data are recordings, or a Dask array or DataFrame."""
-    return isinstance(X, Recordings) or hasattr(X, "__dask_graph__")
+    return isinstance(X, Recordings) or (hasattr(X, "__dask_graph__") and not hasattr(X, "coords"))  # xarray has both
 
 
 def lengths(data: Measurements) -> list[int]:

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.measurements.delays import late_runs
-from persid.measurements.tables import Columns, Rows, Table, rows_of
+from persid.measurements.tables import Columns, Rows, Table, find, rows_of
 from persid.measurements.trajectory import Runs, Trajectory
 
 GAP = 10.0  # a step longer than this many median steps is a gap, not an irregular sample
@@ -51,9 +51,8 @@ def _runs(table: Table, columns: Columns, notes: list[str]) -> list[Trajectory]:
     if single:
         notes.append(f"{table.name}: {single} single sample(s) between gaps were left out")
     if not runs:
-        hint = 'try missing="drop" or missing="interpolate"' if not rows.good.all() or columns.missing == "drop" else ""
         raise DataError(
-            f"{table.name}: no two consecutive complete rows; at least 2 are needed{'; ' * bool(hint)}{hint}"
+            f"{table.name}: no two consecutive complete rows; at least 2 are needed{_hint(table, rows, columns)}"
         )
     return runs
 
@@ -132,3 +131,11 @@ def _cuts(table: Table, rows: Rows, t: ndarray, gap: float | int | None, notes: 
     starts = np.flatnonzero(good & np.concatenate([[True], ~good[:-1] | ends]))
     stops = np.flatnonzero(good & np.concatenate([~good[1:] | ends, [True]])) + 1
     return [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _hint(table: Table, rows: Rows, columns: Columns) -> str:
+    """Say what to try where no two rows in sequence are complete."""
+    hollow = [name for name in columns.names if table.frame[find(table, name, [])].isna().all()]
+    if hollow:
+        return f"; {', '.join(hollow)} {'holds' if len(hollow) == 1 else 'hold'} no number at all: leave it out"
+    return "" if rows.good.all() and columns.missing != "drop" else '; try missing="drop" or missing="interpolate"'

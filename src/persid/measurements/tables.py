@@ -24,6 +24,8 @@ from persid.measurements.times import (
 )
 
 MISSING = ("error", "split", "drop", "interpolate")
+TRUTHS = (("false", "true"), ("off", "on"), ("no", "yes"), ("falsch", "wahr"), ("aus", "ein"), ("aus", "an"),
+          ("nein", "ja"))  # fmt: skip
 MOST_NAMES = 40  # columns that an error lists
 
 
@@ -127,6 +129,7 @@ def rows_of(table: Table, columns: Columns, notes: list[str]) -> Rows:
         DataError: a column is missing, or a cell is no finite number.
     """
     notes += [f"{table.name}: {note}" for note in table.notes]
+    table = _without_blank_lines(table, columns, notes)
     found = [find(table, name, notes) for name in columns.names]
     if len(table.frame) < 2:
         raise DataError(f"{table.name}: {len(table.frame)} rows of data; at least 2 are needed")
@@ -141,6 +144,16 @@ def rows_of(table: Table, columns: Columns, notes: list[str]) -> Rows:
     if columns.missing == "interpolate":
         return _filled(rows, table, columns, notes)
     return rows
+
+
+def _without_blank_lines(table: Table, columns: Columns, notes: list[str]) -> Table:
+    """Return a table without the rows that hold nothing, not even a time; with a step in place of times they count."""
+    blank = table.frame.isna().all(axis=1).to_numpy()
+    if columns.dt is not None or not blank.any() or blank.all():
+        return table
+    _note(notes, f"{table.name}: blank lines were left out")
+    kept = np.flatnonzero(~blank)
+    return replace(table, frame=table.frame.iloc[kept], label=lambda k: table.label(int(kept[k])))
 
 
 def find(table: Table, name: str, notes: list[str]) -> Hashable:
@@ -206,8 +219,8 @@ def _instants(table: Table, column: Hashable, columns: Columns, notes: list[str]
     """Return the cells of the times; a column of dates and one of times of day are joined."""
     cells = _known(table.frame[column], columns.na)
     wanted = is_hour if is_day(cells) else is_day if is_hour(cells) else None
-    free = [c for c in table.frame.columns if c != column and str(c).strip() not in columns.asked]
-    other = next((c for c in free if wanted is not None and wanted(table.frame[c])), None)
+    free = [(c, v) for c, v in table.frame.items() if c != column and str(c).strip() not in columns.asked]
+    other = next((c for c, values in free if wanted is not None and wanted(values)), None)
     if other is None:
         return cells
     days, hours = (column, other) if wanted is is_hour else (other, column)
@@ -230,18 +243,18 @@ def clock_column(table: Table, columns: Columns, notes: list[str]) -> Hashable:
     """
     if columns.time is not None:
         return find(table, columns.time, notes)
-    free = [column for column in table.frame.columns if str(column).strip() not in columns.names]
-    plain = [column for column in free if str(column).strip().lower() in ("t", "time")]
-    named = [column for column in free if is_clock(column)]
-    dated = [column for column in free if looks_dated(table.frame[column])]
-    steps = [c for c in free if base_and_unit(c)[0].lower() in STEPS and _lone_step(table.frame[c]) is not None]
+    free = [(name, cells) for name, cells in table.frame.items() if str(name).strip() not in columns.names]
+    plain = [name for name, _ in free if str(name).strip().lower() in ("t", "time")]
+    named = [name for name, _ in free if is_clock(name)]
+    dated = [name for name, cells in free if looks_dated(cells)]
+    steps = [c for c, cells in free if base_and_unit(c)[0].lower() in STEPS and _lone_step(cells) is not None]
     found = [*plain, *named, *dated, *steps]
     if not found:
         hint = "name its column (time=) or give the step in s (dt=)"
         raise DataError(f"{table.name}: no time: {hint}; {table.offer}")
     if not plain:
         _note(notes, f"{table.name}: the column {str(found[0]).strip()!r} is taken as the time")
-    return found[0]
+    return find(table, str(found[0]), notes)
 
 
 def _lone_step(cells: pd.Series) -> float | None:
@@ -293,6 +306,8 @@ def _hint(series: pd.Series, k: int) -> str:
     if not empty[k]:
         return ""
     full = int((~empty).sum())
+    if not full:
+        return "; the column holds nothing: leave it out"
     if 10 * full < 9 * len(empty):
         return (
             f'; {full} of {len(empty)} rows have a value (a slower channel?): missing="drop" takes these rows alone, '
@@ -305,9 +320,11 @@ def _truths(series: pd.Series, table: Table, column: Hashable, notes: list[str])
     """Return a column of truth values as 0 and 1; any other one as it is, truth values among numbers made texts."""
     known = series.dropna()
     words = known.map(lambda cell: str(cell).strip().lower())
-    if len(known) and words.isin(("true", "false")).all():
-        _note(notes, f"{table.name}: {str(column).strip()!r} holds truth values, taken as 0 and 1")
-        return words.map({"true": 1.0, "false": 0.0}).reindex(series.index)
+    pair = next((pair for pair in TRUTHS if len(known) and words.isin(pair).all()), None)
+    if pair is not None:
+        said = "truth values" if pair == TRUTHS[0] else f"{pair[0]} and {pair[1]}"
+        _note(notes, f"{table.name}: {str(column).strip()!r} holds {said}, taken as 0 and 1")
+        return words.map({pair[0]: 0.0, pair[1]: 1.0}).reindex(series.index)
     return series.map(lambda cell: str(cell) if isinstance(cell, bool) else cell)
 
 

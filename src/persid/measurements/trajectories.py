@@ -1,6 +1,6 @@
 """Trajectories: sampled runs of a system, never paired across their ends."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -154,8 +154,8 @@ class Trajectories(Sequence[Trajectory]):
     def from_dataframe(
         cls,
         frame: "DataFrame | Sequence[DataFrame]",
-        states: Sequence[str] | None = None,
-        inputs: Sequence[str] = (),
+        states: Sequence[Hashable] | None = None,
+        inputs: Sequence[Hashable] = (),
         **reading: Any,
     ) -> "Trajectories":
         """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time).
@@ -264,7 +264,7 @@ def _numbers(where: str, name: str, value: Any) -> ndarray:
     try:
         if np.iscomplexobj(value):
             raise TypeError
-        array = np.array(value, dtype=float)
+        array: ndarray = np.ma.filled(np.ma.array(value, dtype=float), np.nan)
     except (TypeError, ValueError):
         raise DataError(f"{where}: {name} is not an array of real numbers") from None
     bad = np.argwhere(~np.isfinite(array))
