@@ -153,7 +153,12 @@ def is_index_a_clock(frame: pd.DataFrame, time: str | None) -> bool:
 def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     index = frame.index
     flat = frame.rename_axis(str(index.name or "t")).reset_index() if use_index else frame.reset_index(drop=True)
-    return Table(name, flat, lambda k: f"row {index[k]:.12g}" if isinstance(index[k], float) else f"row {index[k]}")
+    return Table(name, flat, lambda k: f"row {_short(index[k])}")
+
+
+def _short(label: Any) -> Any:
+    """Return a label of a row without the last digits of what was added up: 5.8, not 5.800000000000001."""
+    return float(f"{label:.12g}") if isinstance(label, float) else label
 
 
 def to_dataframe(runs: Sequence[Trajectory], names: list[str]) -> pd.DataFrame:
