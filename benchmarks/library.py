@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from persid.lyapunov.pairs import Problem, unpack
+from persid.lyapunov.pairs import Problem
 
 OPTIONS: dict[str, dict] = {
     "SCS": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iters": 200_000},
@@ -40,7 +40,8 @@ def by_library(given: Problem, solver: str) -> Answer:
     cost = problem.cost / norms
     constraints = [-half - half.T - t * np.eye(N) >> 0, (cost / cost.mean()) @ y == 1, y[free:] >= 0]
     if free:
-        units = np.array([unpack(problem, unit / s).ravel() for unit, s in zip(np.eye(J)[:free], norms, strict=False)])
+        of = problem.triangle
+        units = np.array([of.matrix(unit / s).ravel() for unit, s in zip(np.eye(free), norms, strict=False)])
         k = problem.symmetric
         P = cp.reshape(units.T @ y[:free], (k, k), order="C")
         constraints.append(0.5 * (P + P.T) >> 0)

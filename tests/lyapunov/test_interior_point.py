@@ -10,10 +10,11 @@ from scipy import sparse
 from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov import iterate
+from persid.lyapunov.arrays import HOST
 from persid.lyapunov.inequality import Assembly, assemble
 from persid.lyapunov.interior_point import Solution, Status, solve
 from persid.lyapunov.multipliers import choose
-from persid.lyapunov.pairs import Problem, combine, pairings, unpack
+from persid.lyapunov.pairs import Problem, combine, pairings
 from persid.lyapunov.system import Family
 from random_problems import random_assembly, random_model
 
@@ -36,7 +37,7 @@ def by_library(problem: Problem) -> float:
     inequality = -sum(y[k] * (f / s) for k, (f, s) in enumerate(zip(F, size, strict=True))) - t * np.eye(white.order)
     constraints = [0.5 * (inequality + inequality.T) >> 0, y[white.free :] >= 0, (white.cost / size) @ y == 1]
     if white.symmetric:
-        E = [unpack(white, unit) / s for unit, s in zip(np.eye(len(F)), size, strict=True)]
+        E = [white.triangle.matrix(unit[: white.free]) / s for unit, s in zip(np.eye(len(F)), size, strict=True)]
         constraints.append(sum(y[k] * e for k, e in enumerate(E[: white.free])) >> 0)
     program = cp.Problem(cp.Maximize(t), constraints)
     program.solve(solver=cp.CLARABEL)
@@ -127,7 +128,9 @@ def test_both_answers_carry_their_proof() -> None:
         np.testing.assert_allclose(problem.cost @ solution.y, 1.0, rtol=1e-8)
         if solution.status is Status.FEASIBLE:
             assert np.linalg.eigvalsh(-combine(problem, solution.y))[0] > 0
-            assert not problem.symmetric or np.linalg.eigvalsh(unpack(problem, solution.y))[0] > 0
+            assert (
+                not problem.symmetric or np.linalg.eigvalsh(problem.triangle.matrix(solution.y[: problem.free]))[0] > 0
+            )
         if solution.status is Status.INFEASIBLE:
             assert solution.upper < 0
             check_dual(problem, solution)
@@ -240,11 +243,11 @@ def test_way_to_the_boundary(order: int) -> None:
     rng = np.random.default_rng(order)
     root = rng.normal(size=(order, order))
     M, dM = root @ root.T + np.eye(order), rng.normal(size=(order, order))
-    half = iterate._half(M)
+    half = HOST.half(M)
     np.testing.assert_allclose(half @ M @ half.T, np.eye(order), atol=1e-8)
-    assert iterate._to_boundary(half, np.zeros_like(M)) == np.inf
-    assert iterate._to_boundary(half, 3 * M) == np.inf
+    assert iterate._to_boundary(HOST, half, np.zeros_like(M)) == np.inf
+    assert iterate._to_boundary(HOST, half, 3 * M) == np.inf
     for change in (dM + dM.T, -np.outer(dM[0], dM[0]), -M):
-        a = iterate._to_boundary(half, change)
+        a = iterate._to_boundary(HOST, half, change)
         exact = -1 / np.linalg.eigvalsh(half @ change @ half.T)[0]
         assert 0.95 * exact <= a <= 1.0001 * exact

@@ -17,7 +17,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.certified_fits.bilinear import Inequality, Point
-from persid.lyapunov.pairs import pack, pair_products, schur_of_P, tied
+from persid.lyapunov.arrays import HOST
+from persid.lyapunov.pairs import pair_products, tied
+from persid.lyapunov.triangle import triangle
 
 HOLD = 1.0  # weight of |F|^2 / 2 in the barrier: models whose coefficients the data do not hold stay near the others
 
@@ -70,7 +72,7 @@ def derivatives(inequality: Inequality, state: State) -> tuple[ndarray, ndarray,
     V = half.T @ half
     tie, K, free = inequality.tie, inequality.coefficients, inequality.free
     g = pairings(inequality, V)
-    H = tied(pair_products(inequality.pairs.p, inequality.pairs.q, V, V, inequality.square), tie)
+    H = tied(pair_products(inequality.pairs.p, inequality.pairs.q, V, V, inequality.square, HOST.block), tie.T)
     flow = inequality.flow
     held = tie[: len(flow.p), :K]
     g[:K] += HOLD * (held.T @ state.F[flow.q, flow.p])
@@ -81,8 +83,8 @@ def derivatives(inequality: Inequality, state: State) -> tuple[ndarray, ndarray,
     H[diagonal, diagonal] += 1 / y**2
     if free:
         inverse = np.linalg.inv(state.P)
-        g[K : K + free] -= pack(inverse)
-        H[K : K + free, K : K + free] += schur_of_P(inverse, inverse)
+        g[K : K + free] -= triangle(len(inverse)).pairings(inverse)
+        H[K : K + free, K : K + free] += triangle(len(inverse)).schur(inverse, inverse)
     return g, H, _bilinear(inequality, V)
 
 

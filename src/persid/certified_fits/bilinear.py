@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy import sparse
 
-from persid.lyapunov.pairs import symmetric_matrix
+from persid.lyapunov.triangle import triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class Inequality:
 
     def P(self, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
         """Return the full matrix P(y), of order 0 where P is diagonal."""
-        return symmetric_matrix(self.symmetric, y[: self.free])
+        return np.asarray(triangle(self.symmetric).matrix(y[: self.free]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,7 +81,7 @@ class Solution:
     @property
     def y(self) -> Float[ndarray, " J"]:
         """The unknowns."""
-        return self.last.y
+        return self.last.problem.arrays.get(self.last.y)
 
     @property
     def lower(self) -> float:
@@ -101,13 +101,13 @@ class Solution:
     @cached_property
     def X(self) -> Float[ndarray, "N N"]:
         """The dual matrix, in the coordinates of the problem given."""
-        return _congruent(self.C, self.last.X)
+        return _congruent(self.C, self.last.problem.arrays.get(self.last.X))
 
     @property
     def aim(self) -> tuple[Float[ndarray, "N N"], float]:
         """The dual matrix, in these coordinates, and m where the last step would have gone without a fence."""
         X, m = (self.last.X, self.last.m) if self.step is None else self.step.end
-        return _congruent(self.C, X), m
+        return _congruent(self.C, self.last.problem.arrays.get(X)), m
 
 
 def solve(
@@ -167,8 +167,9 @@ def solve(
 
 def _limit(fence: Fence, state: Iterate, C: sparse.csr_array) -> Callable[[ndarray, float], float]:
     """Return the fence as a step sees it, in the coordinates of the iterates."""
-    here = _congruent(C, state.X), state.m
-    return lambda X, m: fence.share(here, (_congruent(C, X), m))
+    get = state.problem.arrays.get
+    here = _congruent(C, get(state.X)), state.m
+    return lambda X, m: fence.share(here, (_congruent(C, get(X)), m))
 
 
 def _congruent(C: sparse.csr_array, X: Float[ndarray, "N N"]) -> Float[ndarray, "N N"]:

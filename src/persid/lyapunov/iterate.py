@@ -6,26 +6,15 @@ The symbols are those of `interior_point`, in coordinates in which X0 = I.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import ModuleType
 
 import numpy as np
 import scipy.linalg as sla
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from persid.lyapunov.pairs import (
-    BLOCK,
-    Problem,
-    combine,
-    dual_of_P,
-    lengths,
-    pack,
-    pairings,
-    sandwich,
-    schur,
-    schur_of_P,
-    symmetric_entries,
-    unpack,
-)
+from persid.lyapunov.arrays import Array, Arrays
+from persid.lyapunov.pairs import Problem, combine, lengths, pairings, sandwich, schur
 
 SHARE = 0.95  # of the way to the boundary that a step goes
 CLOSELY, ROUGHLY = 0.02, 0.2  # relative errors of the way to the boundary, in a step and in its prediction
@@ -40,78 +29,92 @@ class Iterate:
     """Primal X, U, x, m and dual y, t, with Z and P(y), in coordinates in which X0 = I."""
 
     problem: Problem
-    y: Float[ndarray, " J"]
+    y: Float[Array, " J"]
     t: float
     m: float
-    X: Float[ndarray, "N N"]
-    U: Float[ndarray, "k k"]
-    x: Float[ndarray, " s"]
-    Z: Float[ndarray, "N N"] = field(init=False)
-    P: Float[ndarray, "k k"] = field(init=False)
+    X: Float[Array, "N N"]
+    U: Float[Array, "k k"]
+    x: Float[Array, " s"]
+    Z: Float[Array, "N N"] = field(init=False)
+    P: Float[Array, "k k"] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "Z", -combine(self.problem, self.y) - self.t * np.eye(self.problem.order))
-        object.__setattr__(self, "P", unpack(self.problem, self.y))
+        problem, of = self.problem, self.problem.arrays
+        object.__setattr__(self, "Z", of.add_to_diagonal(-combine(problem, self.y), -self.t))
+        object.__setattr__(self, "P", problem.triangle.matrix(self.y[: problem.free]))
 
     @property
-    def s(self) -> Float[ndarray, " s"]:
+    def s(self) -> Float[Array, " s"]:
         """The unknowns that must be positive: all but the entries of P."""
         return self.y[self.problem.free :]
 
     @cached_property
     def gap(self) -> float:
         """Total complementarity: m - t where the equalities are met."""
-        return float(np.vdot(self.X, self.Z) + np.vdot(self.U, self.P) + self.x @ self.s)
+        xp = self.problem.arrays.xp
+        return _inner(xp, self.X, self.Z) + _inner(xp, self.U, self.P) + _inner(xp, self.x, self.s)
 
     @property
     def mu(self) -> float:
         """Mean complementarity."""
-        return self.gap / (self.problem.order + self.problem.symmetric + len(self.x))
+        return self.gap / self.size
+
+    @property
+    def size(self) -> int:
+        """Order of all that is complementary."""
+        return self.problem.order + self.problem.symmetric + int(self.x.shape[0])
 
     @cached_property
-    def halves(self) -> tuple[ndarray, ndarray, ndarray, ndarray]:
+    def halves(self) -> tuple[Array, Array, Array, Array]:
         """Inverse Cholesky factors of X, U, Z and P(y): L^-1 with M = L L'."""
-        return _half(self.X), _half(self.U), _half(self.Z), _half(self.P)
+        of = self.problem.arrays
+        return _half(of, self.X), _half(of, self.U), _half(of, self.Z), _half(of, self.P)
 
     @property
     def is_interior(self) -> bool:
         """Whether y and t satisfy their inequalities strictly."""
-        return bool((self.s > 0).all()) and _is_positive(self.Z) and _is_positive(self.P)
+        xp = self.problem.arrays.xp
+        return _all(xp, self.s > 0) and self._is_positive(self.Z) and self._is_positive(self.P)
 
     @cached_property
-    def defect(self) -> Float[ndarray, " J"]:
+    def defect(self) -> Float[Array, " J"]:
         """What the equalities of (P) lack."""
-        free, lack = self.problem.free, pairings(self.problem, self.X) + self.m * self.problem.cost
-        lack[:free] -= pack(self.U)
+        free, lack = self.problem.free, self._price
+        lack[:free] -= self.problem.triangle.pairings(self.U)
         lack[free:] -= self.x
         return lack
 
     @property
     def is_dual_feasible(self) -> bool:
         """Whether X proves the bound m: with it the equalities of (P) have solutions x >= 0 and U >= 0."""
-        free, price = self.problem.free, pairings(self.problem, self.X) + self.m * self.problem.cost
+        xp, free, price = self.problem.arrays.xp, self.problem.free, self._price
         least = -ROUNDING * lengths(self.problem, self.X)[free:]
-        return bool((price[free:] >= least).all()) and _is_positive(dual_of_P(self.problem, price[:free]))
+        return _all(xp, price[free:] >= least) and self._is_positive(self.problem.triangle.dual(price[:free]))
+
+    @property
+    def _price(self) -> Array:
+        return pairings(self.problem, self.X) + self.m * self.problem.costs
+
+    def _is_positive(self, M: Array) -> bool:
+        return not M.shape[0] or self.problem.arrays.is_positive(M)
 
 
 def first_iterate(problem: Problem, least: float = 0.0) -> Iterate:
     """Strictly feasible, nearly central, m > least: X = I / order; U, x, m to match; y = mu / x, P = mu U^-1."""
-    free, k, c = problem.free, problem.symmetric, problem.cost[problem.free :]
-    X = np.eye(problem.order) / problem.order
+    of, free, k, c = problem.arrays, problem.free, problem.symmetric, problem.costs[problem.free :]
+    xp = of.xp
+    X = of.put(np.eye(problem.order) / problem.order)
     paired = pairings(problem, X)
-    W = dual_of_P(problem, paired[:free])  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
-    costly = c > 0
-    needed = [0.0, least, *(-paired[free:][costly] / c[costly])]
-    if k:
-        needed.append(-float(np.linalg.eigvalsh(W)[0]))
-    m = 1.5 * max(needed) + 1e-3 / problem.order
-    U, x = W + m * np.eye(k), paired[free:] + m * c
-    x = np.where(x > 0, x, 1e-3 * lengths(problem, X)[free:])  # where X0 is not interior the equality comes later
-    P = _inverse(_half(U))
-    mu = 1 / (np.trace(P) + c @ (1 / x))
-    y = mu * np.concatenate([symmetric_entries(P), 1 / x])
-    largest = sla.eigvalsh(combine(problem, y), subset_by_index=[problem.order - 1] * 2)[0]
-    return Iterate(problem, y, -float(largest) - mu * problem.order, m, X, U, x)
+    W = problem.triangle.dual(paired[:free])  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
+    lacking = xp.where(c > 0, -paired[free:] / xp.where(c > 0, c, 1.0), 0.0)
+    m = 1.5 * max(least, _largest(xp, lacking), -of.smallest(W) if k else 0.0) + 1e-3 / problem.order
+    U, x = of.add_to_diagonal(W, m), paired[free:] + m * c
+    x = xp.where(x > 0, x, 1e-3 * lengths(problem, X)[free:])  # where X0 is not interior the equality comes later
+    P = _inverse(_half(of, U))
+    mu = 1 / float(xp.linalg.trace(P) + xp.sum(c / x))
+    y = mu * xp.concat([problem.triangle.entries(P), 1 / x])
+    smallest = _smallest(of, -combine(problem, y), CLOSELY)
+    return Iterate(problem, y, smallest - mu * problem.order, m, X, U, x)
 
 
 def resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Iterate:
@@ -119,50 +122,56 @@ def resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Itera
 
     y_k = b mu / x_k, where b keeps Z > 0.
     """
-    known, free = places >= 0, problem.free
-    price = pairings(problem, old.X) + old.m * problem.cost
-    new_x = np.where(price > 0, price, JOINING_SHARE * lengths(problem, old.X))
-    joining = np.where(known, 0.0, old.mu / new_x)
-    b = min(1.0, JOINING_SHARE * _to_boundary(old.halves[2], -combine(problem, joining)))
-    y = np.where(known, old.y[places], b * joining)
-    x = np.where(known[free:], old.x[np.maximum(places[free:] - free, 0)], new_x[free:])
-    total = float(problem.cost @ y)
+    of, free = problem.arrays, problem.free
+    xp, known, at = of.xp, of.put(places >= 0), of.put(np.maximum(places, 0))
+    price = pairings(problem, old.X) + old.m * problem.costs
+    new_x = xp.where(price > 0, price, JOINING_SHARE * lengths(problem, old.X))
+    joining = xp.where(known, xp.zeros_like(new_x), old.mu / new_x)
+    b = min(1.0, JOINING_SHARE * _to_boundary(of, old.halves[2], -combine(problem, joining)))
+    y = xp.where(known, xp.take(old.y, at), b * joining)
+    before = of.put(np.maximum(places[free:] - free, 0))
+    x = xp.where(known[free:], xp.take(old.x, before), new_x[free:])
+    total = _inner(xp, problem.costs, y)
     return Iterate(problem, y / total, old.t / total, old.m, old.X, old.U, x)
 
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    y: ndarray
+    y: Array
     t: float
     m: float
-    X: ndarray
-    U: ndarray
-    x: ndarray
-    Z: ndarray
-    P: ndarray
+    X: Array
+    U: Array
+    x: Array
+    Z: Array
+    P: Array
 
 
-def _symmetric(M: ndarray) -> ndarray:
-    return np.asarray(0.5 * (M + M.T))
+def _inner(xp: ModuleType, a: Array, b: Array) -> float:
+    """Return the sum of all products of entries."""
+    return float(xp.vecdot(xp.reshape(a, (-1,)), xp.reshape(b, (-1,))))
 
 
-def _half(M: ndarray) -> ndarray:
+def _largest(xp: ModuleType, v: Array) -> float:
+    """Return the largest entry, or 0 where none is positive."""
+    return max(float(xp.max(v)), 0.0) if v.shape[0] else 0.0
+
+
+def _all(xp: ModuleType, conditions: Array) -> bool:
+    return bool(xp.all(conditions))
+
+
+def _symmetric(M: Array) -> Array:
+    return 0.5 * (M + M.T)
+
+
+def _half(of: Arrays, M: Array) -> Array:
     """Return L^-1, M = L L'; LinAlgError where M is not positive definite."""
-    if not len(M):
-        return M
-    factor, failed = sla.lapack.dpotrf(M, lower=1, clean=1)
-    if failed:
-        raise sla.LinAlgError("not positive definite")
-    half: ndarray = sla.lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]  # trtrs would start threads at every size
-    return half
+    return of.half(M) if M.shape[0] else M
 
 
-def _inverse(half: ndarray) -> ndarray:
-    return np.asarray(half.T @ half)
-
-
-def _is_positive(M: ndarray) -> bool:
-    return not len(M) or sla.lapack.dpotrf(M, lower=1, clean=0)[1] == 0
+def _inverse(half: Array) -> Array:
+    return half.T @ half
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,26 +180,25 @@ class Step:
 
     state: Iterate
     share: float
-    end: tuple[Float[ndarray, "N N"], float]
+    end: tuple[Float[Array, "N N"], float]
 
 
-def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None) -> Step | None:
+def step(state: Iterate, limit: Callable[[Array, float], float] | None = None) -> Step | None:
     """One predictor-corrector step; None when the linear algebra gives out.
 
     `limit` says which share of the step of the dual matrix to X and m may be taken.
     """
-    free = state.problem.free
+    xp, free = state.problem.arrays.xp, state.problem.free
     try:
         direction = _newton(state)
         predicted = direction(0.0, None)
         a, b = _steps(state, predicted, rough=True)
         gap = (
-            np.vdot(state.X + a * predicted.X, state.Z + b * predicted.Z)
-            + np.vdot(state.U + a * predicted.U, state.P + b * predicted.P)
-            + (state.x + a * predicted.x) @ (state.s + b * predicted.y[free:])
+            _inner(xp, state.X + a * predicted.X, state.Z + b * predicted.Z)
+            + _inner(xp, state.U + a * predicted.U, state.P + b * predicted.P)
+            + _inner(xp, state.x + a * predicted.x, state.s + b * predicted.y[free:])
         )
-        size = state.problem.order + state.problem.symmetric + len(state.x)
-        sigma = min(1.0, max(float(gap) / size / state.mu, 1e-6) ** 2)
+        sigma = min(1.0, max(gap / state.size / state.mu, 1e-6) ** 2)
         corrected = direction(sigma * state.mu, predicted)
         a, b = _steps(state, corrected)
     except (sla.LinAlgError, ValueError):
@@ -212,31 +220,34 @@ def step(state: Iterate, limit: Callable[[ndarray, float], float] | None = None)
     return Step(following, share, end)
 
 
-def _factored(M: ndarray) -> Callable[[ndarray], ndarray]:
+def _factored(of: Arrays, M: Array) -> Callable[[Array], Array]:
     """Return v -> M^-1 v; only the lower triangle of M is read, and overwritten."""
-    scale = 1 / np.sqrt(np.diag(M))
-    for start in range(0, len(M), BLOCK):
-        rows, stop = slice(start, start + BLOCK), start + BLOCK
-        M[rows, :stop] *= scale[rows, None] * scale[:stop]
-    M[range(len(M)), range(len(M))] += RIDGE
-    factor = sla.cho_factor(M.T, lower=False, overwrite_a=True, check_finite=False)  # M' is in LAPACK's order: no copy
-    return lambda v: (scale * sla.cho_solve(factor, (scale * v.T).T, check_finite=False).T).T
+    xp, size = of.xp, M.shape[0]
+    scale = 1 / xp.sqrt(xp.linalg.diagonal(M))
+    for start in range(0, size, of.block):
+        stop = min(start + of.block, size)
+        rows = slice(start, stop)
+        M[rows, :stop] *= scale[rows, None] * scale[None, :stop]
+    solve = of.solver(of.add_to_diagonal(M, RIDGE))
+    return lambda v: scale[:, None] * solve(scale[:, None] * v)
 
 
 def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     """Factor the Newton system once; return the direction for a target mu and an optional second-order correction."""
-    problem, free, c = state.problem, state.problem.free, state.problem.cost
-    ratio = state.x / state.s
+    problem, free, c, of = state.problem, state.problem.free, state.problem.costs, state.problem.arrays
+    xp, ratio = of.xp, state.x / state.s
     Z_inverse, P_inverse = _inverse(state.halves[2]), _inverse(state.halves[3])
     M = schur(problem, sandwich(problem, state.X), sandwich(problem, Z_inverse))
-    M[:free, :free] += schur_of_P(state.U, P_inverse)
-    M[range(free, len(c)), range(free, len(c))] += ratio
-    back = _factored(M)
+    M[:free, :free] += problem.triangle.schur(state.U, P_inverse)
+    M = of.add_to_diagonal(M, xp.concat([xp.zeros_like(c[:free]), ratio]))
+    back = _factored(of, M)
     XZ = _symmetric(state.X @ Z_inverse)
     g = pairings(problem, XZ)
-    Mg, Mc = back(np.stack([g, c], axis=1)).T
-    border = np.array([[c @ Mg, c @ Mc], [np.trace(XZ) - g @ Mg, -(g @ Mc)]])
-    trace_defect = np.trace(state.X) - 1
+    solved = back(xp.stack([g, c], axis=1))
+    Mg, Mc = solved[:, 0], solved[:, 1]
+    trace = float(xp.linalg.trace(XZ))
+    border = np.array([[_inner(xp, c, Mg), _inner(xp, c, Mc)], [trace - _inner(xp, g, Mg), -_inner(xp, g, Mc)]])
+    trace_defect = float(xp.linalg.trace(state.X)) - 1
 
     def direction(target: float, second: _Direction | None) -> _Direction:
         C, CU, cx = target * Z_inverse - state.X, target * P_inverse - state.U, target / state.s - state.x
@@ -245,16 +256,19 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
             CU = CU - _symmetric(second.U @ second.P @ P_inverse)
             cx = cx - second.x * second.y[free:] / state.s
         r = -pairings(problem, C) - state.defect
-        r[:free] += pack(CU)
+        r[:free] += problem.triangle.pairings(CU)
         r[free:] += cx
-        Mr = back(r)
-        dt, dm = np.linalg.solve(border, [c @ Mr, -np.trace(C) - trace_defect - g @ Mr])
+        Mr = back(r[:, None])[:, 0]
+        dt, dm = np.linalg.solve(
+            border, [_inner(xp, c, Mr), -float(xp.linalg.trace(C)) - trace_defect - _inner(xp, g, Mr)]
+        )
+        dt, dm = float(dt), float(dm)
         dy = Mr - Mg * dt - Mc * dm
-        F, dP = combine(problem, dy), unpack(problem, dy)
+        F, dP = combine(problem, dy), problem.triangle.matrix(dy[:free])
         dX = C + _symmetric(state.X @ F @ Z_inverse) + dt * XZ
         dU = CU - _symmetric(state.U @ dP @ P_inverse)
         dx = cx - ratio * dy[free:]
-        return _Direction(dy, float(dt), float(dm), dX, dU, dx, -F - dt * np.eye(problem.order), dP)
+        return _Direction(dy, dt, dm, dX, dU, dx, of.add_to_diagonal(-F, -dt), dP)
 
     return direction
 
@@ -262,56 +276,70 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
 def _steps(state: Iterate, d: _Direction, rough: bool = False) -> tuple[float, float]:
     """Return the primal and the dual step length, a fixed share of the way to the boundary; `rough`: untested."""
     X, U, Z, P = state.halves
-    primal = min(1.0, SHARE * _ratio(state.x, d.x))
-    dual = min(1.0, SHARE * _ratio(state.s, d.y[state.problem.free :]))
+    of = state.problem.arrays
+    primal = min(1.0, SHARE * _ratio(of, state.x, d.x))
+    dual = min(1.0, SHARE * _ratio(of, state.s, d.y[state.problem.free :]))
     for M, half, dM in ((state.X, X, d.X), (state.U, U, d.U)):
-        primal = _inside(M, half, dM, primal, rough)
+        primal = _inside(of, M, half, dM, primal, rough)
     for M, half, dM in ((state.Z, Z, d.Z), (state.P, P, d.P)):
-        dual = _inside(M, half, dM, dual, rough)
+        dual = _inside(of, M, half, dM, dual, rough)
     return primal, dual
 
 
-def _inside(M: ndarray, half: ndarray, dM: ndarray, a: float, rough: bool) -> float:
+def _inside(of: Arrays, M: Array, half: Array, dM: Array, a: float, rough: bool) -> float:
     """Return a step of at most a that keeps M + a dM positive definite, and tests that it does unless it is rough."""
-    a = min(a, SHARE * _to_boundary(half, dM, ROUGHLY if rough else CLOSELY))
-    if rough:
+    a = min(a, SHARE * _to_boundary(of, half, dM, ROUGHLY if rough else CLOSELY))
+    if rough or not M.shape[0]:
         return a
     for _ in range(20):
-        if _is_positive(M + a * dM):
+        if of.is_positive(M + a * dM):
             return a
         a *= 0.7
     return 0.0
 
 
-def _ratio(v: ndarray, dv: ndarray) -> float:
+def _ratio(of: Arrays, v: Array, dv: Array) -> float:
+    """Return the largest a with v + a dv >= 0."""
+    xp = of.xp
     falling = dv < 0
-    return float((-v[falling] / dv[falling]).min()) if falling.any() else np.inf
+    fastest = _largest(xp, xp.where(falling, -dv / v, 0.0))
+    return 1 / fastest if fastest else np.inf
 
 
-def _to_boundary(half: ndarray, dM: ndarray, tolerance: float = CLOSELY) -> float:
+def _to_boundary(of: Arrays, half: Array, dM: Array, tolerance: float = CLOSELY) -> float:
     """Return the largest a with M + a dM >= 0, to a tolerance: from L^-1 dM L^-T, half = L^-1, M = L L'."""
-    if not len(half):
+    if not half.shape[0]:
         return np.inf
-    dense = len(half) <= LANCZOS_ORDER
-    smallest = np.linalg.eigvalsh(half @ dM @ half.T)[0] if dense else _lanczos_smallest(half, dM, tolerance)
-    return -1 / float(smallest) if smallest < 0 else np.inf
+    smallest = _smallest(of, dM, tolerance, half)
+    return -1 / smallest if smallest < 0 else np.inf
 
 
-def _lanczos_smallest(half: ndarray, dM: ndarray, tolerance: float, steps: int = 30) -> float:
+def _smallest(of: Arrays, M: Array, tolerance: float, half: Array | None = None) -> float:
+    """Return the smallest eigenvalue of M, or of L^-1 M L^-T, and for a large M a lower estimate of it."""
+    if M.shape[0] <= LANCZOS_ORDER:
+        return of.smallest(M if half is None else half @ M @ half.T)
+    product = (lambda v: M @ v) if half is None else (lambda v: half @ (M @ (half.T @ v)))
+    return _lanczos_smallest(of, product, M.shape[0], tolerance)
+
+
+def _lanczos_smallest(
+    of: Arrays, product: Callable[[Array], Array], order: int, tolerance: float, steps: int = 30
+) -> float:
     """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
-    Q, alphas, betas = np.empty((steps + 1, len(dM))), np.zeros(steps), np.zeros(steps)
-    v = np.random.default_rng(0).normal(size=len(dM))
-    Q[0] = v / np.linalg.norm(v)
+    xp, alphas, betas = of.xp, np.zeros(steps), np.zeros(steps)
+    v = np.random.default_rng(0).normal(size=order)
+    Q = of.put(np.zeros((steps + 1, order)))
+    Q[0, :] = of.put(v / np.linalg.norm(v))
     for k in range(steps):
-        w, known = half @ (dM @ (half.T @ Q[k])), Q[: k + 1]
-        alphas[k] = w @ Q[k]
-        w -= known.T @ (known @ w)
-        w -= known.T @ (known @ w)
-        betas[k] = np.linalg.norm(w)
+        w, known = product(Q[k, :]), Q[: k + 1, :]
+        alphas[k] = _inner(xp, w, Q[k, :])
+        w = w - known.T @ (known @ w)
+        w = w - known.T @ (known @ w)
+        betas[k] = float(xp.linalg.vector_norm(w))
         if k % 3 == 2 or k == steps - 1 or betas[k] < 1e-12:
             values, vectors, _ = sla.lapack.dstev(alphas[: k + 1], betas[: max(k, 1)])
             residual = betas[k] * abs(vectors[-1, 0])
             if residual <= tolerance * abs(values[0]) + 1e-9:
                 break
-        Q[k + 1] = w / betas[k]
+        Q[k + 1, :] = w / betas[k]
     return float(values[0] - residual)

@@ -1,10 +1,11 @@
 """Matrices that are sums of pairs of rows, F = sum of d_p d_q' + d_q d_p', and what a solver needs of them.
 
 No F is ever formed: <F, M> for all of them comes from the rows of D M, sum_k y_k F_k from two sparse matrices, and the
-matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'.
+matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'. A problem is data of the host; what is computed
+with lives where its `arrays` say.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +13,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
-BLOCK = 32  # rows of the Schur complement made at once: what they gather from stays in the cache
+from persid.lyapunov.arrays import HOST, Array, Arrays, namespace
+from persid.lyapunov.triangle import Triangle, triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,7 @@ class Problem:
     C: sparse.csr_array
     symmetric: int = 0
     tie: sparse.csr_array | None = None
+    arrays: Arrays = field(default=HOST, repr=False)
 
     @property
     def order(self) -> int:
@@ -56,19 +59,52 @@ class Problem:
         return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=sparse.csr_array(sparse.eye_array(self.order)))
 
     @cached_property
-    def _entries(self) -> tuple[ndarray, ndarray, ndarray]:
-        """The nonzeros of the rows p: their pair, their value, and their place in the matrix D M, row q."""
+    def _rows(self) -> tuple[Array, Array, Array, Array]:
+        """S, H, p and q where the arrays live."""
+        put = self.arrays.put
+        return self.arrays.sparse(self.S), put(self.H), put(self.p), put(self.q)
+
+    @cached_property
+    def _ties(self) -> tuple[Array, Array, Array]:
+        """The weights of pairs in unknowns, the transposed matrix, and that of their sizes."""
+        assert self.tie is not None, "asked for only where unknowns are sums of pairs"
+        tie, of = self.tie, self.arrays.sparse
+        return of(tie), of(sparse.csr_array(tie.T)), of(sparse.csr_array(abs(tie).T))
+
+    @cached_property
+    def costs(self) -> Array:
+        """The cost c where the arrays live."""
+        return self.arrays.put(self.cost)
+
+    @cached_property
+    def triangle(self) -> Triangle:
+        """The matrix P and its entries, where the arrays live."""
+        return triangle(self.symmetric) if self.arrays is HOST else Triangle(self.symmetric, self.arrays)
+
+    @cached_property
+    def _entries(self) -> tuple[Array, Array]:
+        """Where the nonzeros of the rows p meet D M, row q, and the matrix that sums them to the pairs."""
         rows = self.S[self.p]
         pair = np.repeat(np.arange(len(self.p)), np.diff(rows.indptr))
-        return pair, rows.data, self.q[pair] * self.order + rows.indices
+        return self._summed(rows, self.q[pair] * self.order + rows.indices)
 
     @cached_property
-    def _square(self) -> ndarray:
+    def _own(self) -> tuple[Array, Array]:
+        """The same for the rows of S, each with its own row of S M."""
+        row = np.repeat(np.arange(self.S.shape[0]), np.diff(self.S.indptr))
+        return self._summed(self.S, row * self.order + self.S.indices)
+
+    def _summed(self, rows: sparse.csr_array, place: ndarray) -> tuple[Array, Array]:
+        sums = sparse.csr_array((rows.data, np.arange(rows.nnz), rows.indptr), shape=(rows.shape[0], rows.nnz))
+        return self.arrays.put(place), self.arrays.sparse(sums)
+
+    @cached_property
+    def _square(self) -> Array:
         """Room for the Schur complement: new pages for every step would cost a tenth of the time."""
-        return np.empty((len(self.p), len(self.p)))
+        return self.arrays.put(np.empty((len(self.p), len(self.p))))
 
     @cached_property
-    def _inside(self) -> tuple[ndarray, sparse.csc_array]:
+    def _inside(self) -> tuple[Array, Array]:
         """The pairs of two rows of S, and the matrix from their weights to all entries of sum w_k s_p s_q'."""
         rows, N = self.S.shape[0], self.order
         pairs = np.flatnonzero(self.q < rows)
@@ -80,124 +116,96 @@ class Problem:
         other = right.indptr[pair][entry] + np.arange(len(entry)) - first[entry]
         place, value = left.indices[entry] * N + right.indices[other], left.data[entry] * right.data[other]
         starts = np.concatenate([[0], np.cumsum(np.diff(left.indptr) * width)])
-        return pairs, sparse.csc_array((value, place, starts), shape=(N * N, len(pairs)))
+        weights = sparse.csc_array((value, place, starts), shape=(N * N, len(pairs)))
+        return self.arrays.put(pairs), self.arrays.sparse(weights)
 
     @cached_property
-    def _outside(self) -> tuple[ndarray, sparse.csc_array]:
-        """The pairs with a row of H, and the matrix from their weights to the entries of a matrix L: L'H is the sum."""
+    def _outside(self) -> tuple[Array, Array] | None:
+        """The pairs with a row of H, and the matrix from their weights to the entries of L: L'H is the sum; or None."""
         rows, N = self.S.shape[0], self.order
         pairs = np.flatnonzero(self.q >= rows)
         left = self.S[self.p[pairs]]
         place = np.repeat((self.q[pairs] - rows) * N, np.diff(left.indptr)) + left.indices
-        return pairs, sparse.csc_array((left.data, place, left.indptr), shape=(len(self.H) * N, len(pairs)))
+        weights = sparse.csc_array((left.data, place, left.indptr), shape=(len(self.H) * N, len(pairs)))
+        return (self.arrays.put(pairs), self.arrays.sparse(weights)) if len(pairs) else None
 
 
-def combine(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "N N"]:
+def combine(problem: Problem, y: Float[Array, " J"]) -> Float[Array, "N N"]:
     """Return sum_k y_k F_k."""
-    weights, N = y if problem.tie is None else problem.tie @ y, problem.order
-    (inside, products), (outside, lines) = problem._inside, problem._outside
-    half = (products @ weights[inside]).reshape(N, N)
-    if len(outside):
-        half += (lines @ weights[outside]).reshape(len(problem.H), N).T @ problem.H
-    return np.asarray(half + half.T)
+    xp, N = problem.arrays.xp, problem.order
+    weights = y if problem.tie is None else problem._ties[0] @ y
+    pairs, products = problem._inside
+    half = xp.reshape(products @ xp.take(weights, pairs), (N, N))
+    if problem._outside is not None:
+        pairs, lines = problem._outside
+        half += xp.reshape(lines @ xp.take(weights, pairs), (len(problem.H), N)).T @ problem._rows[1]
+    return half + half.T
 
 
-def _product(problem: Problem, M: ndarray) -> ndarray:
+def _product(problem: Problem, M: Array) -> Array:
     """Return D M."""
-    rows = problem.S.shape[0]
-    product = np.empty((rows + len(problem.H), M.shape[1]))
-    product[:rows] = problem.S @ M
-    np.matmul(problem.H, M, out=product[rows:])
-    return product
+    S, H, *_ = problem._rows
+    return problem.arrays.xp.concat([S @ M, H @ M])
 
 
-def sandwich(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, "r r"]:
+def sandwich(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, "r r"]:
     """Return D M D' for a symmetric M."""
-    return _product(problem, np.ascontiguousarray(_product(problem, M).T))
+    xp = problem.arrays.xp
+    return _product(problem, xp.asarray(_product(problem, M).T, copy=True))
 
 
-def pairings(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
+def pairings(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:
     """Return <F_k, M> for every unknown, M symmetric."""
-    pair, value, place = problem._entries
-    terms = value * _product(problem, M).ravel()[place]
-    products = 2 * np.bincount(pair, terms, minlength=len(problem.p)).astype(float)  # without pairs it counts integers
-    return products if problem.tie is None else problem.tie.T @ products
+    place, sums = problem._entries
+    products = 2 * (sums @ _taken(problem, _product(problem, M), place))
+    return products if problem.tie is None else problem._ties[1] @ products
 
 
-def lengths(problem: Problem, M: Float[ndarray, "N N"]) -> Float[ndarray, " J"]:
+def _taken(problem: Problem, M: Array, place: Array) -> Array:
+    xp = problem.arrays.xp
+    return xp.take(xp.reshape(M, (-1,)), place)
+
+
+def lengths(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:
     """Return 2 |d_p| |d_q|, summed over the pairs of every unknown, in the norm of M > 0: at least |<F_k, M>|."""
-    squares = np.concatenate([problem.S.multiply(problem.S @ M).sum(axis=1), ((problem.H @ M) * problem.H).sum(axis=1)])
-    norms = np.sqrt(np.maximum(squares, 0))
-    products = 2 * norms[problem.p] * norms[problem.q]
-    return np.asarray(products if problem.tie is None else abs(problem.tie).T @ products)
+    xp, (S, H, p, q), (place, sums) = problem.arrays.xp, problem._rows, problem._own
+    squares = xp.concat([sums @ _taken(problem, S @ M, place), xp.sum((H @ M) * H, axis=1)])
+    norms = xp.sqrt(xp.where(squares > 0, squares, xp.zeros_like(squares)))
+    products = 2 * xp.take(norms, p) * xp.take(norms, q)
+    return products if problem.tie is None else problem._ties[2] @ products
 
 
-def schur(problem: Problem, Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"]) -> Float[ndarray, "J J"]:
+def schur(problem: Problem, Y: Float[Array, "r r"], V: Float[Array, "r r"]) -> Float[Array, "J J"]:
     """Return the matrix of tr(F_k X F_l Z^-1), Y = D X D', V = D Z^-1 D'; its lower triangle, all that is read.
 
     The next call for the same problem overwrites it.
     """
-    M = pair_products(problem.p, problem.q, Y, V, problem._square)
-    return M if problem.tie is None else tied(M, problem.tie)
+    _, _, p, q = problem._rows
+    M = pair_products(p, q, Y, V, problem._square, problem.arrays.block)
+    return M if problem.tie is None else tied(M, problem._ties[1])
 
 
 def pair_products(
-    p: Int[ndarray, " K"], q: Int[ndarray, " K"], Y: Float[ndarray, "r r"], V: Float[ndarray, "r r"],
-    M: Float[ndarray, "K K"],
-) -> Float[ndarray, "K K"]:  # fmt: skip
-    """Write tr(F_k X F_l Z^-1) of single pairs (p_k, q_k) to the lower triangle of M, and return M."""
-    for start in range(0, len(p), BLOCK):
-        rows, stop = slice(start, start + BLOCK), min(start + BLOCK, len(p))
+    p: Int[Array, " K"], q: Int[Array, " K"], Y: Float[Array, "r r"], V: Float[Array, "r r"],
+    M: Float[Array, "K K"], block: int,
+) -> Float[Array, "K K"]:  # fmt: skip
+    """Write tr(F_k X F_l Z^-1) of single pairs (p_k, q_k) to the lower triangle of M, a `block` of rows at a time."""
+    take = namespace(M).take
+    for start in range(0, p.shape[0], block):
+        stop = min(start + block, p.shape[0])
+        rows = slice(start, stop)
         r, s = p[:stop], q[:stop]
-        Yp, Yq, Vp, Vq = Y[p[rows]], Y[q[rows]], V[p[rows]], V[q[rows]]
-        block = Yq.take(r, 1) * Vp.take(s, 1)
-        block += Yq.take(s, 1) * Vp.take(r, 1)
-        block += Yp.take(r, 1) * Vq.take(s, 1)
-        block += Yp.take(s, 1) * Vq.take(r, 1)
-        M[rows, :stop] = block
+        (Yp, Vp), (Yq, Vq) = ((take(Y, at[rows], axis=0), take(V, at[rows], axis=0)) for at in (p, q))
+        products = take(Yq, r, axis=1) * take(Vp, s, axis=1)
+        products += take(Yq, s, axis=1) * take(Vp, r, axis=1)
+        products += take(Yp, r, axis=1) * take(Vq, s, axis=1)
+        products += take(Yp, s, axis=1) * take(Vq, r, axis=1)
+        M[rows, :stop] = products
     return M
 
 
-def tied(M: Float[ndarray, "K K"], tie: sparse.csr_array) -> Float[ndarray, "J J"]:
-    """Return tie' M tie for a symmetric M of which the lower triangle is given."""
-    M = np.tril(M) + np.tril(M, -1).T
-    return np.asarray(tie.T @ np.ascontiguousarray((tie.T @ M).T))
-
-
-def unpack(problem: Problem, y: Float[ndarray, " J"]) -> Float[ndarray, "k k"]:
-    """Return the matrix P(y)."""
-    return symmetric_matrix(problem.symmetric, y[: problem.free])
-
-
-def symmetric_matrix(order: int, entries: Float[ndarray, " f"]) -> Float[ndarray, "k k"]:
-    """Return P, the sum of its entries times E_k = e_i e_j' + e_j e_i' over its upper triangle."""
-    P = np.zeros((order, order))
-    P[np.triu_indices(order)] = entries
-    return P + P.T
-
-
-def symmetric_entries(P: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:
-    """Return the entries of which `symmetric_matrix` makes P."""
-    return (P / (1 + np.eye(len(P))))[np.triu_indices(len(P))]
-
-
-def pack(M: Float[ndarray, "k k"]) -> Float[ndarray, " f"]:
-    """Return <E_k, M> for the entries of P, M symmetric."""
-    return 2 * M[np.triu_indices(len(M))]
-
-
-def dual_of_P(problem: Problem, values: Float[ndarray, " f"]) -> Float[ndarray, "k k"]:
-    """Return the symmetric W with <E_k, W> = values for every entry of P."""
-    W = np.zeros((problem.symmetric, problem.symmetric))
-    W[np.triu_indices(problem.symmetric)] = values / 2
-    return W + np.triu(W, 1).T
-
-
-def schur_of_P(U: Float[ndarray, "k k"], V: Float[ndarray, "k k"]) -> Float[ndarray, "f f"]:
-    """Return the matrix of tr(E_k U E_l V) for the entries of P, U and V symmetric."""
-    i, j = np.triu_indices(len(U))
-
-    def products(a: ndarray, b: ndarray, c: ndarray, d: ndarray) -> ndarray:
-        return np.asarray(U[np.ix_(a, b)] * V[np.ix_(c, d)])
-
-    return np.asarray(products(j, i, i, j) + products(j, j, i, i) + products(i, i, j, j) + products(i, j, j, i))
+def tied(M: Float[Array, "K K"], tie: Array) -> Float[Array, "J J"]:
+    """Return tie M tie' for a symmetric M of which the lower triangle is given."""
+    xp = namespace(M)
+    M = xp.tril(M) + xp.tril(M, k=-1).T
+    return tie @ xp.asarray((tie @ M).T, copy=True)

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from persid.lyapunov.pairs import symmetric_entries, symmetric_matrix
 from persid.lyapunov.system import Family, Multipliers, Scaling, System, Target
+from persid.lyapunov.triangle import triangle
 
 Label = tuple[Any, ...]  # of an unknown: ("P", i), ("mu", g, k), ("tau", g, k, l), ("s", j), ("p",)
 
@@ -55,7 +55,7 @@ class Unknowns:
         """Return the multipliers that unknowns stand for, in the user's units."""
         values, (first, *parts) = y / self.sizes, self._parts
         P = np.zeros((self.system.n, self.system.n))
-        own = symmetric_matrix(self.symmetric, y[first]) / self._P_units if self.symmetric else np.diag(values[first])
+        own = triangle(self.symmetric).matrix(y[first]) / self._P_units if self.symmetric else np.diag(values[first])
         P[self._kept] = own
         p = 0.0 if self.target.ratio is None else float(values[-1])
         s = values[parts[-1].stop if parts else first.stop :][: len(self.target.deviations)]
@@ -68,7 +68,7 @@ class Unknowns:
         groups = zip(self.families, numbers.mu, numbers.tau, strict=True)
         rest = [part for family, mu, tau in groups for part in (mu[list(family.densities)], tau)]
         last = [] if self.target.ratio is None else [np.array([numbers.p])]
-        head = symmetric_entries(P * self._P_units) if self.symmetric else np.diag(P)
+        head = triangle(self.symmetric).entries(P * self._P_units) if self.symmetric else np.diag(P)
         return np.asarray(np.concatenate([head, *rest, numbers.s, *last]) * self.sizes)
 
     @property

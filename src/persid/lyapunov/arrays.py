@@ -1,0 +1,210 @@
+"""Where the arrays of the interior-point method live, and the few operations that the array API standard lacks.
+
+The method is written once against the standard; `Arrays` is the seam for the rest: moving in and out, sparse products,
+a Cholesky factorisation that says whether it failed, the inverse of a triangle, and writing to a diagonal. NumPy with
+LAPACK is the default, PyTorch serves a GPU, and any other namespace of the standard does what the standard allows.
+"""
+
+import warnings
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, Protocol, runtime_checkable
+
+import array_api_compat.numpy as numpy_namespace
+import numpy as np
+import scipy.linalg as sla
+from array_api_compat import array_namespace
+from scipy import sparse
+
+Array = Any  # of one namespace of the array API standard, in binary64: the standard has no class for it
+
+SparseMatrix = Any  # of SciPy
+
+HOST_BLOCK, DEVICE_BLOCK = 32, 1024  # rows of the Schur complement made at once: in the cache, or to keep a GPU busy
+
+
+@runtime_checkable
+class Arrays(Protocol):
+    """A namespace `xp` of the array API standard, and what the method needs beyond it; M is symmetric throughout."""
+
+    @property
+    def xp(self) -> ModuleType:
+        """The namespace."""
+        ...
+
+    @property
+    def block(self) -> int:
+        """How many rows of the Schur complement are made at once."""
+        ...
+
+    def put(self, a: np.ndarray) -> Array:
+        """Return a host array as one of these."""
+        ...
+
+    def get(self, a: Array) -> np.ndarray:
+        """Return one of these as a host array."""
+        ...
+
+    def sparse(self, M: SparseMatrix) -> Any:
+        """Return what gives the product M @ v of a sparse matrix with a vector or a dense matrix."""
+        ...
+
+    def half(self, M: Array) -> Array:
+        """Return L^-1 with M = L L'; LinAlgError where M is not positive definite."""
+        ...
+
+    def is_positive(self, M: Array) -> bool:
+        """Whether M has a Cholesky factor."""
+        ...
+
+    def smallest(self, M: Array) -> float:
+        """Return the smallest eigenvalue of a small M."""
+        ...
+
+    def solver(self, M: Array) -> Callable[[Array], Array]:
+        """Return v -> M^-1 v for vectors or columns; only the lower triangle of M is read, and M is overwritten."""
+        ...
+
+    def add_to_diagonal(self, M: Array, v: Array | float) -> Array:
+        """Return M + diag(v), written to M where that is possible."""
+        ...
+
+
+class Host:
+    """NumPy arrays, factorised by LAPACK."""
+
+    xp, block = numpy_namespace, HOST_BLOCK
+
+    def put(self, a: np.ndarray) -> np.ndarray:
+        return a
+
+    def get(self, a: np.ndarray) -> np.ndarray:
+        return a
+
+    def sparse(self, M: SparseMatrix) -> SparseMatrix:
+        return M
+
+    def half(self, M: np.ndarray) -> np.ndarray:
+        factor, failed = sla.lapack.dpotrf(M, lower=1, clean=1)
+        if failed:
+            raise sla.LinAlgError("not positive definite")
+        inverse: np.ndarray = sla.lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]  # trtrs would start threads
+        return inverse
+
+    def is_positive(self, M: np.ndarray) -> bool:
+        return bool(sla.lapack.dpotrf(M, lower=1, clean=0)[1] == 0)
+
+    def smallest(self, M: np.ndarray) -> float:
+        return float(np.linalg.eigvalsh(M)[0])
+
+    def solver(self, M: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        factor = sla.cho_factor(M.T, lower=False, overwrite_a=True, check_finite=False)  # M' is in LAPACK's order
+        return lambda v: np.asarray(sla.cho_solve(factor, v, check_finite=False))
+
+    def add_to_diagonal(self, M: np.ndarray, v: np.ndarray | float) -> np.ndarray:
+        M[range(len(M)), range(len(M))] += v
+        return M
+
+
+class Standard:
+    """Any namespace of the array API standard: sparse matrices become dense, triangles are inverted as matrices."""
+
+    block = DEVICE_BLOCK
+
+    def __init__(self, xp: ModuleType, device: Any = None) -> None:
+        self.xp, self.device = xp, device
+
+    def put(self, a: np.ndarray) -> Array:
+        return self.xp.asarray(np.ascontiguousarray(a), device=self.device, copy=True)
+
+    def get(self, a: Array) -> np.ndarray:
+        return np.asarray(a)
+
+    def sparse(self, M: SparseMatrix) -> Any:
+        return self.put(M.toarray())
+
+    def half(self, M: Array) -> Array:
+        return self.xp.linalg.inv(self._factor(M))
+
+    def is_positive(self, M: Array) -> bool:
+        try:
+            self._factor(M)
+        except sla.LinAlgError:
+            return False
+        return True
+
+    def smallest(self, M: Array) -> float:
+        return float(self.xp.linalg.eigvalsh(M)[0])
+
+    def solver(self, M: Array) -> Callable[[Array], Array]:
+        half = self.half(self.xp.tril(M) + self.xp.tril(M, k=-1).T)
+        return lambda v: half.T @ (half @ v)
+
+    def add_to_diagonal(self, M: Array, v: Array | float) -> Array:
+        return M + v * self.xp.eye(M.shape[0], dtype=M.dtype, device=self.device)
+
+    def _factor(self, M: Array) -> Array:
+        """Return L; LinAlgError where M is not positive definite: then namespaces raise, or return no numbers."""
+        L = self.xp.linalg.cholesky(M)
+        if not bool(self.xp.all(self.xp.isfinite(L))):
+            raise sla.LinAlgError("not positive definite")
+        return L
+
+
+class Torch(Standard):
+    """PyTorch arrays on a device, such as "cuda"."""
+
+    def __init__(self, device: str) -> None:
+        import array_api_compat.torch as xp
+        import torch
+
+        super().__init__(xp, torch.device(device))
+        self.torch = torch
+
+    def get(self, a: Array) -> np.ndarray:
+        return np.asarray(a.cpu().numpy())
+
+    def sparse(self, M: SparseMatrix) -> Any:
+        rows = sparse.csr_array(M)
+        parts = (self.put(rows.indptr.astype(np.int64)), self.put(rows.indices.astype(np.int64)), self.put(rows.data))
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # PyTorch calls its CSR matrices beta
+            return self.torch.sparse_csr_tensor(*parts, size=rows.shape, check_invariants=False)
+
+    def half(self, M: Array) -> Array:
+        identity = self.torch.eye(len(M), dtype=M.dtype, device=self.device)
+        return self.torch.linalg.solve_triangular(self._factor(M), identity, upper=False)
+
+    def smallest(self, M: Array) -> float:
+        return float(self.torch.linalg.eigvalsh(M)[0])
+
+    def solver(self, M: Array) -> Callable[[Array], Array]:
+        L = self._factor(M)
+
+        def solve(v: Array) -> Array:
+            columns = v if v.ndim == 2 else v[:, None]
+            return self.torch.cholesky_solve(columns, L).reshape(v.shape)
+
+        return solve
+
+    def add_to_diagonal(self, M: Array, v: Array | float) -> Array:
+        M.diagonal().add_(v)
+        return M
+
+    def _factor(self, M: Array) -> Array:
+        L, failed = self.torch.linalg.cholesky_ex(M)
+        if int(failed):
+            raise sla.LinAlgError("not positive definite")
+        return L
+
+
+HOST: Arrays = Host()
+
+
+def arrays_on(device: str) -> Arrays:
+    """Return the arrays of a device: "cpu" for NumPy, and PyTorch for any other, such as "cuda" or "cuda:1"."""
+    return HOST if device == "cpu" else Torch(device)
+
+
+def namespace(*arrays: Array) -> ModuleType:
+    """Return the namespace of arrays."""
+    return array_namespace(*arrays)
