@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 import persid as ps
 from persid.certified_fits.delivery import Delivery, deliver, trial
-from persid.identification.scores import Record, held_out_scores, hold_out
+from persid.identification.scores import Record, Scores, held_out_scores, hold_out
+from persid.reports.comparison import scored
 
 
 def simulated(rhs: Callable, starts: list, inputs: Callable, h: float, count: int, seed: int = 0) -> ps.Trajectories:
@@ -131,3 +132,23 @@ def test_a_model_that_foretells_less_than_no_model_is_doubted(rate: float, worse
     assert parts is not None
     scores = held_out_scores(model, parts.held, Record.of(data), before=parts.before)
     assert bool(scores.doubts) is worse
+
+
+def test_a_model_is_no_worse_than_the_mean_where_the_mean_is_as_bad() -> None:
+    """Where what is held out lies far from the record's mean, its R2 is negative, too, and stands beside."""
+    x = np.concatenate([np.sin(np.arange(320) / 5.0), 3 + np.sin(np.arange(80) / 5.0)])
+    data = ps.Trajectories.from_arrays(x[:, None], dt=0.1)
+    parts = hold_out(data)
+    assert parts is not None
+    record = Record.of(data)
+
+    def scored_to(level: float) -> Scores:
+        held = ps.PersidskiiModel(A0=[[-50.0]], b=[50.0 * level])  # at `level` at once
+        return held_out_scores(held, parts.held, record, before=parts.before)
+
+    mean = float(record.moments.mean[0])
+    near, far = scored_to(mean + 0.2), scored_to(mean - 0.2)
+    assert near.headline.r2_mean < 0
+    assert "the mean has R2 -" in scored(near)
+    assert not any("the mean" in doubt for doubt in near.doubts)
+    assert any("worse than the mean" in doubt or "less than the mean" in doubt for doubt in far.doubts)

@@ -1,5 +1,6 @@
 """The report of an output model: its first screen, its figures, and its folder."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,3 +80,36 @@ def test_a_free_run_keeps_to_its_bound_and_foretells(results: Results) -> None:
     assert (np.abs(run.simulated.x - run.rest) <= run.bound).all()
     assert run.steady is not None
     assert (run.steady <= run.bound[-1]).all()
+
+
+def spoiled(results: Results, **compared: object) -> Results:
+    """The same results with measurements that are no answer to their inputs, or with another comparison."""
+    assert results.record is not None
+    assert results.data is not None
+    told = {**(results.record.comparison or {}), **compared}
+    record = replace(results.record, comparison=told)
+    if compared:
+        return replace(results, record=record)
+    run, rng = results.data[0], np.random.default_rng(1)
+    x = np.cumsum(rng.normal(size=run.x.shape), axis=0)
+    data = ps.Trajectories.from_arrays([x], t=[run.t], u=[run.u], states=results.data.states, inputs=("u1",))
+    return replace(results, data=data, record=record)
+
+
+def test_the_page_is_green_only_where_it_foretells(results: Results, tmp_path: Path) -> None:
+    """A certified output model that foretells less than a forecast without one is amber, and its head says why."""
+    good = (delivered(results, tmp_path / "good") / "report.html").read_text()
+    assert 'class="verdict certified"' in good
+    assert "Proved stable, and it foretells" in good
+    poor = (delivered(spoiled(results), tmp_path / "poor") / "report.html").read_text()
+    assert 'class="verdict certified doubtful"' in poor
+    assert "Proved stable, but doubtful" in poor
+    assert "the proof is about the model, not about the plant" in poor
+
+
+def test_a_fit_that_missed_its_held_out_part_is_amber(results: Results, tmp_path: Path) -> None:
+    """Where all records were fitted, the error on the part that the fit was chosen by counts."""
+    rows = [{"order": 2, "neurons": 2, "held_out": 1.3}]
+    page = (delivered(spoiled(results, candidates=rows, unseen=False), tmp_path / "out") / "report.html").read_text()
+    assert 'class="verdict certified doubtful"' in page
+    assert "n the part that was held out it is off by 1.3 of the outputs&#39; spread" in page

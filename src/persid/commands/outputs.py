@@ -30,7 +30,7 @@ def run_outputs(asked: Asked, folder: Path, talk: Talk) -> int:
     from persid.measurements.readers import read_measurements
     from persid.reports import layout
     from persid.reports.folder import write_folder
-    from persid.reports.output_runs import OutputScores, output_runs
+    from persid.reports.output_runs import OutputScores, output_doubts, output_runs, run_scores
     from persid.reports.record import Record, sources, versions
     from persid.reports.results import Results
     from persid.verdicts.summary import summarize
@@ -66,12 +66,19 @@ def run_outputs(asked: Asked, folder: Path, talk: Talk) -> int:
     rows += [
         ("free run", f"error {report.held_out:.4g} of the outputs' spread, held out (linear model {report.linear:.4g})")
     ]
-    scores = None if unseen is None else OutputScores.of(output_runs(fit.model_, unseen), fit.model_.outputs)
+    shown = output_runs(fit.model_, unseen or measured)
+    scores = None if unseen is None else OutputScores.of(shown, fit.model_.outputs)
+    foretold = run_scores(shown, fit.model_, bool(unfitted))
+    doubts = output_doubts(foretold, bool(unfitted), report.held_out) if brief.verdict == "certified" else ()
     rows += [] if scores is None else [("unseen", _told(scores, len(unfitted)))]
-    rows += [*(("note", text) for text in notes), *verdict_rows(verdict), *list(named.items())[1:]]
+    rows += [*(("note", text) for text in notes), *verdict_rows(verdict), *(("but", doubt) for doubt in doubts)]
+    rows += [*list(named.items())[1:]]
     told = None if scores is None else scores.to_dict()
     held_out = {"error": report.held_out, "linear": report.linear, "unseen": told}
-    talk.result(brief.to_dict() | {"held_out": held_out, "notes": notes, "files": named}, rows)
+    talk.result(
+        brief.to_dict() | {"caution": "; ".join(doubts) or None, "held_out": held_out, "notes": notes, "files": named},
+        rows,
+    )
     return EXIT[brief.verdict]
 
 

@@ -137,7 +137,7 @@ def advise(
     record, ahead = before
     here = _measured(work)
     r2, error = _figures(ahead, here)
-    if not codes and error <= _enough(_floor(record)):
+    if not codes and error <= _enough(record.floor):
         return Diagnosis()
     # where the fit was scored on more than is looked at here, a remedy has to do better than that, too
     known = scores.headline.error if scores is not None and scores.unseen else np.inf
@@ -170,12 +170,6 @@ def _is_good(fit: Any, scores: Scores | None) -> bool:
 def _enough(floor: float) -> float:
     """Return the error that is not questioned, where the noise alone makes `floor`."""
     return max(GOOD, min(NOISE * floor, DOUBTFUL))
-
-
-def _floor(record: Record) -> float:
-    size = record.moments.deviation
-    moving = size > 0
-    return float(np.sqrt(np.mean((record.noise[moving] / size[moving]) ** 2))) if moving.any() else 0.0
 
 
 def _measured(data: Trajectories) -> list[int]:

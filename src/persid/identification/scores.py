@@ -6,7 +6,7 @@ in which the record itself forgets: there "the last value" has become as poor a 
 measured against the spread of the whole record; a part at rest holds noise only, and noise over noise says nothing.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,19 @@ class Record:
         heads = beginnings(data, LOOKED_INTO, LOOKED_AT)
         states = data.moments.of(slice(len(data.states)))
         return cls(states, noise_of([run.x for run in heads]), _memory(heads, states))
+
+    @property
+    def floor(self) -> float:
+        """The error over the deviation of a model as good as the noise admits, the root mean square over states."""
+        moving = self.moments.deviation > 0
+        shares = self.noise[moving] / self.moments.deviation[moving]
+        return float(np.sqrt(np.mean(shares**2))) if moving.any() else 0.0
+
+    def moves(self, held: Trajectories) -> float:
+        """Return the share of the record's deviation that a part of it has."""
+        moving = self.moments.deviation > 0
+        shares = np.concatenate([run.x for run in held]).std(axis=0)[moving] / self.moments.deviation[moving]
+        return float(np.sqrt(np.mean(shares**2))) if moving.any() else 0.0
 
 
 def _memory(runs: Sequence[Trajectory], states: Moments) -> int | None:
@@ -99,8 +112,9 @@ class Scores:
     """How a model foretells measurements at several horizons, the free run over all that was held as the last row.
 
     `basis` says what the scores are on; `unseen` whether the fit has not seen it. `rivals` are errors, at the horizon
-    of the headline, of forecasts without a model; `floor` is that of a model as good as the noise admits; `moves` the
-    share of the record's deviation that the scored part has.
+    of the headline, of forecasts without a model, `mean_r2` the R2 of the mean there, one a state: below 0 where what
+    is scored lies further from the mean than the record does. `floor` is the error of a model as good as the noise
+    admits; `moves` the share of the record's deviation that the scored part has.
     """
 
     basis: str
@@ -111,6 +125,7 @@ class Scores:
     rivals: tuple[tuple[str, float], ...]
     floor: float
     moves: float
+    mean_r2: tuple[float, ...] = ()
 
     @property
     def headline(self) -> Ahead:
@@ -142,7 +157,9 @@ class Scores:
         elif self.beaten_by:
             names = " and than ".join(self.beaten_by)
             found.append(f"over {row.length} the model foretells less than {names} (R2 {row.r2_mean:.2g})")
-        poor = [f"{name} (R2 {r:.2g})" for name, r in zip(self.states, row.r2, strict=True) if r < -(self.floor**2)]
+        means = self.mean_r2 or (0.0,) * len(self.states)
+        each = zip(self.states, row.r2, means, strict=True)
+        poor = [f"{name} (R2 {r:.2g})" for name, r, mean in each if r < min(mean, 0.0) - self.floor**2]
         if poor and not found:
             found.append(f"over {row.length} the model is worse than the mean for {', '.join(poor[:4])}")
         if self.floor >= NOISY:
@@ -210,8 +227,7 @@ def held_out_scores(
     """
     leads = list(before) if before is not None else [run[:0] for run in held]
     longest = max(len(run) for run in held) - 1
-    size = record.moments.deviation
-    rows, rivals = [], {}
+    rows, rivals = [], dict[str, ndarray]()
     for steps in (h for h in HORIZONS if h < longest):
         places = list(_places(held, steps))
         pieces = [held[r][a : a + steps + 1] for r, a in places]
@@ -225,11 +241,37 @@ def held_out_scores(
     if not rivals:
         rivals = _rivals(leads, list(held), record.moments)
     place = next((k for k, row in enumerate(rows[:-1]) if row.steps == record.memory), len(rows) - 1)
-    moving = size > 0
-    floor = float(np.sqrt(np.mean((record.noise[moving] / size[moving]) ** 2))) if moving.any() else 0.0
-    values = np.concatenate([run.x for run in held])
-    moves = float(np.sqrt(np.mean((values.std(axis=0)[moving] / size[moving]) ** 2))) if moving.any() else 0.0
-    return Scores(basis, unseen, held.states, tuple(rows), place, tuple(rivals.items()), floor, moves)
+    told = (_errors(rivals, record.moments), record.floor, record.moves(held), _r2(rivals[MEAN]))
+    return Scores(basis, unseen, held.states, tuple(rows), place, *told)
+
+
+def _errors(rivals: Mapping[str, ndarray], record: Moments) -> tuple[tuple[str, float], ...]:
+    """Return forecasts with their errors over the deviation, the root mean square over the states that move."""
+    moving = record.deviation > 0
+    return tuple((name, float(np.sqrt(part[moving].mean())) if moving.any() else 0.0) for name, part in rivals.items())
+
+
+def _r2(squares: Float[ndarray, " n"]) -> tuple[float, ...]:
+    return tuple((1 - squares).tolist())
+
+
+def scores_of(
+    guesses: Sequence[Float[ndarray, "N n"]], held: Trajectories, before: Sequence[Trajectory], basis: str
+) -> Scores:
+    """Score forecasts of whole runs that were made elsewhere, from the first sample of each on.
+
+    A forecast that is shorter than its run has blown up. `before` is as for `held_out_scores`.
+    """
+    record = Record.of(held)
+    whole = [len(guess) == len(run) for guess, run in zip(guesses, held, strict=True)]
+    pairs = [((guess - run.x)[1:], run) for guess, run, good in zip(guesses, held, whole, strict=True) if good]
+    squares = np.concatenate([off**2 for off, _ in pairs]).mean(axis=0) if pairs else np.full(len(held.states), np.inf)
+    seconds = max(float(run.t[-1] - run.t[0]) for run in held)
+    runs = _Runs(max(len(run) for run in held) - 1, seconds, len(held), whole.count(False), whole=True)
+    rivals = _rivals(before, list(held), record.moments)
+    row = _ahead(squares, record.moments, runs)
+    told = (_errors(rivals, record.moments), record.floor, record.moves(held), _r2(rivals[MEAN]))
+    return Scores(basis, True, held.states, (row,), 0, *told)
 
 
 def _places(held: Trajectories, steps: int) -> Iterator[tuple[int, int]]:
@@ -283,8 +325,8 @@ def _ahead(squares: ndarray, record: Moments, runs: _Runs) -> Ahead:
     return Ahead(runs.steps, runs.seconds, runs.count, rmse, off, r2, error, runs.blow_ups, runs.whole)
 
 
-def _rivals(before: Sequence[Trajectory], pieces: Sequence[Trajectory], record: Moments) -> dict[str, float]:
-    """Return the errors of forecasts that need no model."""
+def _rivals(before: Sequence[Trajectory], pieces: Sequence[Trajectory], record: Moments) -> dict[str, ndarray]:
+    """Return the squared errors over the variance of forecasts that need no model, one a state; 0 where none moves."""
     found: dict[str, Any] = {MEAN: [], LAST: [], LINE: []}
     for lead, piece in zip(before, pieces, strict=True):
         ahead = piece.t[1:, None] - piece.t[0]
@@ -292,9 +334,8 @@ def _rivals(before: Sequence[Trajectory], pieces: Sequence[Trajectory], record: 
         for name, guess in ((MEAN, record.mean), (LAST, piece.x[0]), (LINE, piece.x[0] + slope * ahead)):
             found[name].append((piece.x[1:] - guess) ** 2)
     moving = record.deviation > 0
-    size = record.deviation[moving]
-    squares = {name: np.concatenate(parts).mean(axis=0)[moving] / size**2 for name, parts in found.items()}
-    return {name: float(np.sqrt(part.mean())) if moving.any() else 0.0 for name, part in squares.items()}
+    size = np.where(moving, record.deviation, 1.0)
+    return {name: np.where(moving, np.concatenate(parts).mean(axis=0) / size**2, 0.0) for name, parts in found.items()}
 
 
 def _slope(run: Trajectory) -> Float[ndarray, " n"]:

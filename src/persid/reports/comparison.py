@@ -90,8 +90,13 @@ def score_rows(made: Any) -> list[tuple[str, str]]:
 
 
 def scored(scores: Scores) -> str:
-    """Return the headline figures of scores, with their horizon."""
-    return f"{_figures(scores.headline)} over {scores.headline.length}"
+    """Return the headline figures of scores, with their horizon; where R2 is negative, that of the mean beside it.
+
+    R2 is against the spread of the whole record, and what is scored may lie further from its mean than that.
+    """
+    mean = float(np.mean(scores.mean_r2)) if scores.mean_r2 else 0.0
+    beside = f" (the mean has R2 {mean:.4f})" if scores.headline.r2_mean < 0 and mean < 0 else ""
+    return f"{_figures(scores.headline)} over {scores.headline.length}{beside}"
 
 
 def _figures(row: Any) -> str:

@@ -41,14 +41,14 @@ def front(results: Results) -> Front:
     verdict, scores = results.verdict, _scores(results)
     told = "" if scores is None else f"; {foretelling(scores)}"
     found = cautions(verdict, scores, results.data, results.model, results.hold)
-    doubts = tuple(map(_capital, found))
+    doubts = tuple(map(capital, found))
     if not isinstance(verdict, Certified):
         if isinstance(verdict, Refuted):
             return Front("refuted", "✗", "Proved not stable", f"{verdict.witness.sentence.rstrip('.')}{told}.", doubts)
         sentence = f"{verdict.reason.value.rstrip('.')}{told}."
         return Front("undecided", "?", "Undecided: neither proved stable nor refuted", sentence, doubts)
-    doubts = doubts or ((_capital(UNSCORED),) if scores is None else ())
-    sentence = f"{_capital(in_the_long_run(verdict))}, by proof{told}."
+    doubts = doubts or ((capital(UNSCORED),) if scores is None else ())
+    sentence = f"{capital(in_the_long_run(verdict))}, by proof{told}."
     proved = "Proved stable in a region" if verdict.certificate.scope == "regional" else "Proved stable"
     if doubts:
         return Front("certified doubtful", "!", f"{proved}, but doubtful", sentence, doubts)
@@ -67,7 +67,8 @@ def foretelling(scores: Scores) -> str:
     return f"on {scores.basis}, it is off by {max(row.percent):.2g} % of the range over {row.length}"
 
 
-def _capital(text: str) -> str:
+def capital(text: str) -> str:
+    """Return a clause as the beginning of a sentence."""
     return text[:1].upper() + text[1:]
 
 
@@ -132,7 +133,7 @@ def _proof(verdict: Verdict, measured: Trajectory, runs: Sequence[Trajectory]) -
 def _caption(results: Results, shown: Trajectories, place: int, runs: Sequence[Trajectory], proved: bool) -> str:
     scores, record = _scores(results), results.record
     held = results.held is not None and scores is not None
-    what = _capital(scores.basis) if scores is not None and held else "The measurements, all of them used for the fit"
+    what = capital(scores.basis) if scores is not None and held else "The measurements, all of them used for the fit"
     which = f", run {place + 1} of {len(shown)}" if len(shown) > 1 else ""
     known = "only the first sample and the inputs" if len(runs) == 1 else "only where it starts and the inputs"
     again = "" if len(runs) == 1 or scores is None else f" and starts again every {scores.headline.steps} samples"

@@ -14,8 +14,9 @@ from persid.plots.outputs import output_run
 from persid.plots.style import short
 from persid.reports import figures as drawings
 from persid.reports.figures import Drawing
+from persid.reports.front import UNSCORED, Front, capital, foretelling
 from persid.reports.layout import CERTIFICATE, FIGURES, MODEL, REPORT
-from persid.reports.output_runs import OutputRun, output_runs
+from persid.reports.output_runs import OutputRun, output_doubts, output_runs, run_scores
 from persid.reports.results import Results
 from persid.reports.templating import environment
 from persid.verdicts.summary import limits, summarize
@@ -59,6 +60,23 @@ def _drawing(model: OutputModel, run: OutputRun, k: int, i: int) -> Drawing:
     return Drawing(f"output_{k + 1}_{i + 1}", figure, f"{name} as measured and as the model runs freely", caption)
 
 
+def output_front(results: Results, model: OutputModel, runs: list[OutputRun]) -> Front:
+    """Return status and sentence: green only where the proof holds and the model foretells the outputs."""
+    verdict, compared = results.verdict, (results.record.comparison if results.record else None) or {}
+    unseen = bool(compared.get("unseen"))
+    scores = run_scores(runs, model, unseen) if runs else None
+    told = "" if scores is None else f"; {foretelling(scores)}"
+    if not isinstance(verdict, Certified):
+        return Front(summarize(verdict).verdict, "?", "Undecided", f"{verdict.headline.rstrip('.')}{told}.", ())
+    held_out = next((row.get("held_out") for row in compared.get("candidates") or ()), None)
+    found = (UNSCORED,) if scores is None else output_doubts(scores, unseen, held_out)
+    doubts = tuple(map(capital, found))
+    sentence = f"{verdict.headline.rstrip('.').removeprefix('Certified: ')}{told}."
+    if doubts:
+        return Front("certified doubtful", "!", "Proved stable, but doubtful", capital(sentence), doubts)
+    return Front("certified", "✓", "Proved stable, and it foretells", capital(sentence), ())
+
+
 def _page(results: Results, model: OutputModel, runs: list[OutputRun], drawn: list[Drawing]) -> str:
     verdict = results.verdict
     certificate = verdict.certificate if isinstance(verdict, Certified) else None
@@ -67,9 +85,10 @@ def _page(results: Results, model: OutputModel, runs: list[OutputRun], drawn: li
         environment()
         .get_template("output_report.html.jinja")
         .render(
-            model=model, brief=summarize(verdict), headline=verdict.headline, limits=limits(verdict, model.dynamics),
-            certificate=certificate, below=below, above=above, runs=runs, drawings=drawn, record=results.record,
-            equations=equations(model), candidates=compared.get("candidates") or [], notes=compared.get("notes") or [],
+            model=model, brief=summarize(verdict), front=output_front(results, model, runs),
+            limits=limits(verdict, model.dynamics), certificate=certificate, below=below, above=above, runs=runs,
+            drawings=drawn, record=results.record, equations=equations(model),
+            candidates=compared.get("candidates") or [], notes=compared.get("notes") or [],
             unseen=bool(compared.get("unseen")), files={"model": MODEL, "proof": CERTIFICATE},
             proof_sha256=hashlib.sha256(certificate.data).hexdigest() if certificate else None,
         )

@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
 from persid.errors import PersidError
+from persid.identification.scores import Scores, scores_of
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 from persid.models.outputs import OutputModel
@@ -64,6 +65,29 @@ class OutputScores:
         return {
             name: {key: _finite(float(getattr(self, key)[i])) for key in names} for i, name in enumerate(self.outputs)
         }
+
+
+def run_scores(runs: Sequence[OutputRun], model: OutputModel, unseen: bool) -> Scores:
+    """Return the scores of free runs beside forecasts without a model, which know the same first samples."""
+    pieces = [run.measured[run.starts - 1 :] for run in runs]
+    held = Trajectories(tuple(pieces), model.outputs, model.dynamics.inputs)
+    before = [run.measured[: run.starts - 1] for run in runs]
+    what = "what was kept from the fit" if unseen else "what was fitted"
+    return scores_of([run.simulated.x[run.starts - 1 :] for run in runs], held, before, what)
+
+
+def output_doubts(scores: Scores, unseen: bool, held_out: float | None) -> tuple[str, ...]:
+    """Return why an output model is not shown to foretell, in clauses; none where it is.
+
+    `held_out` is the error of the fit on the part that it was chosen by, over the outputs' spread; it counts where the
+    scores are of data that the fit has seen.
+    """
+    found = list(scores.doubts)
+    if not unseen and held_out is not None and not held_out < 1:
+        found.append(f"on the part that was held out it is off by {held_out:.3g} of the outputs' spread")
+    if found:
+        found[-1] += ": the proof is about the model, not about the plant"
+    return tuple(found)
 
 
 def _finite(value: float) -> float | None:
