@@ -156,7 +156,7 @@ def _subject(claim: str, data: Mapping[str, Any]) -> Subject:
         raise FormatError("model", "in this claim every matrix is written out, none given as an object")
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
-    model = model_of(form)
+    model = model_of(form, discrete=claim == "refuted")
     if model.n + len(model.channels) > MAX_ENTRIES:
         raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
     return Subject(claim, data["model_sha256"], form, model, groups_of(model))

@@ -22,10 +22,13 @@ Part = tuple[Program, Fraction]  # f(rho s)
 
 def prove_refutation(claim: Refutation) -> tuple[str, tuple[str, ...]]:
     """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
+    model = claim.subject.model
+    if model.is_discrete and claim.kind not in _OF_STEPS:
+        raise NotProvedError("witness.kind", "in discrete time it proves nothing: a sequence may jump over")
     for i, point in enumerate(claim.points):
-        if not has_unique_equilibrium(claim.subject.model, point.x, point.radius, point.u):
+        if not has_unique_equilibrium(model.resting, point.x, point.radius, point.u):
             raise NotProvedError(f"witness.points[{i}]", "no proof that exactly one equilibrium lies in the ball")
-    for c, channel in enumerate(claim.subject.model.channels):
+    for c, channel in enumerate(model.channels):
         if not prove_continuous(_curve(channel)):
             raise NotProvedError(f"channel {c}", "no proof that its function is continuous on R")
     _KINDS[claim.kind](claim)
@@ -44,7 +47,7 @@ def _two_equilibria(claim: Refutation) -> None:
 
 
 def _unstable_equilibrium(claim: Refutation) -> None:
-    """J'S + S J - 2 sigma S > 0 for every Jacobian about the ball: x'Sx grows where it is positive."""
+    """x'Sx grows where it is positive, for every Jacobian about the ball: J'S + S J - 2 sigma S > 0; see `_grows`."""
     point = claim.points[0]
     size = 1 + max(abs(v) for v in point.x)
     try:
@@ -55,7 +58,7 @@ def _unstable_equilibrium(claim: Refutation) -> None:
 
 
 def _unstable_linear_part(claim: Refutation) -> None:
-    """Every function with a nonzero column is bounded, and x' = A0 x grows exponentially."""
+    """Every function with a nonzero column is bounded, and x' = A0 x, or x+ = A0 x, grows exponentially."""
     for c, channel in enumerate(claim.subject.model.channels):
         if any(channel.column) and not prove_bounded(_curve(channel), _AXIS):
             raise NotProvedError(f"channel {c}", "no proof that its function is bounded on R")
@@ -63,28 +66,55 @@ def _unstable_linear_part(claim: Refutation) -> None:
 
 
 def _grows(claim: Refutation, J: Sequence[Sequence[Interval]]) -> None:
-    """S, sigma >= 0, e with e'Se > 0, and J'S + S J - 2 sigma S > 0 for every J in the intervals."""
-    n, sigma, e = claim.subject.model.n, claim.number, claim.vector
+    """S, sigma >= 0, e with e'Se > 0, and J'S + S J - 2 sigma S > 0 for every J in the intervals.
+
+    In discrete time sigma >= 1, and J'S J - sigma S > 0.
+    """
+    n, sigma, e, steps = claim.subject.model.n, claim.number, claim.vector, claim.subject.model.is_discrete
     S = [[claim.S[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
-    if sigma < 0:
-        raise NotProvedError("witness.sigma", "it is negative")
+    if sigma < steps:
+        raise NotProvedError("witness.sigma", "it is less than 1" if steps else "it is negative")
     if not sum(e[i] * S[i][j] * e[j] for i in range(n) for j in range(n)) > 0:
         raise NotProvedError("witness.direction", "e'Se is not positive")
-    if not is_positive_definite(_lower_bound(S, sigma, J), claim.factor):
-        raise NotProvedError("witness.T", "J'S + S J - 2 sigma S is not proved positive definite")
+    lower = _lower_bound_of_step(S, sigma, J) if steps else _lower_bound(S, sigma, J)
+    if not is_positive_definite(lower, claim.factor):
+        form = "J'S J - sigma S" if steps else "J'S + S J - 2 sigma S"
+        raise NotProvedError("witness.T", f"{form} is not proved positive definite")
 
 
 def _lower_bound(S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]) -> Matrix:
     """The middle of J'S + S J - 2 sigma S over the intervals, less the row sums of the radii on its diagonal."""
-    n, half = len(S), Fraction(1, 2)
+    n = len(S)
+    middle, radius = _middle_and_radius(J)
+    SJ, spread = matrix(S, n) * middle, _sizes(matrix(S, n)) * radius
+    return SJ + SJ.T + -(diagonal([2 * sigma] * n) * matrix(S, n)) + -_row_sums(spread + spread.T)
+
+
+def _lower_bound_of_step(S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]) -> Matrix:
+    """Below J'S J - sigma S: with J = M + E, |E| <= R, it is M'S M - sigma S less R'|S M| + |S M|'R + R'|S| R."""
+    n = len(S)
+    middle, radius = _middle_and_radius(J)
+    SM = matrix(S, n) * middle
+    side = radius.T * _sizes(SM)
+    spread = side + side.T + radius.T * _sizes(matrix(S, n)) * radius
+    return middle.T * SM + -(diagonal([sigma] * n) * matrix(S, n)) + -_row_sums(spread)
+
+
+def _middle_and_radius(J: Sequence[Sequence[Interval]]) -> tuple[Matrix, Matrix]:
+    n, half = len(J), Fraction(1, 2)
     ends = [[(_exact(entry.lo), _exact(entry.hi)) for entry in row] for row in J]
     middle = matrix([[(lo + hi) * half for lo, hi in row] for row in ends], n)
-    radius = matrix([[(hi - lo) * half for lo, hi in row] for row in ends], n)
-    SJ = matrix(S, n) * middle
-    spread = matrix([[abs(s) for s in row] for row in S], n) * radius
-    spread = spread + spread.T
-    sums = [sum((spread.entry(i, j) for j in range(n)), Fraction(0)) for i in range(n)]
-    return SJ + SJ.T + -(diagonal([2 * sigma] * n) * matrix(S, n)) + -diagonal(sums)
+    return middle, matrix([[(hi - lo) * half for lo, hi in row] for row in ends], n)
+
+
+def _sizes(M: Matrix) -> Matrix:
+    """The matrix of absolute values."""
+    return matrix([[abs(M.entry(i, j)) for j in range(M.width)] for i in range(M.height)], M.width)
+
+
+def _row_sums(M: Matrix) -> Matrix:
+    """The diagonal matrix of the sums of rows."""
+    return diagonal([sum((M.entry(i, j) for j in range(M.width)), Fraction(0)) for i in range(M.height)])
 
 
 def _exact(number) -> Fraction:  # type: ignore[no-untyped-def]
@@ -95,8 +125,11 @@ def _exact(number) -> Fraction:  # type: ignore[no-untyped-def]
 
 
 def _marginal_direction(claim: Refutation) -> None:
-    """w'A0 = 0, w'B != 0 and every (w'a_c) f_c bounded below: some constant input drives w'x to infinity."""
-    model, w = claim.subject.model, claim.vector
+    """w'A0 = 0, w'B != 0 and every (w'a_c) f_c bounded below: some constant input drives w'x to infinity.
+
+    In discrete time w'A0 = w', so that w'(x+ - x) is what w'x' is here.
+    """
+    model, w = claim.subject.model.resting, claim.vector
     if any(_dot(w, [row[j] for row in model.A0]) for j in range(model.n)):
         raise NotProvedError("witness.direction", "w'A0 is not zero")
     if not any(_dot(w, [Fraction(row[k]) for row in model.B]) for k in range(model.m)):
@@ -177,6 +210,7 @@ def _along(channels: Sequence[Channel], v: Sequence[Fraction]) -> Mapping[Part, 
     return parts
 
 
+_OF_STEPS = ("two-equilibria", "unstable-equilibrium", "unstable-linear-part", "marginal-direction")
 _KINDS: dict[str, Callable[[Refutation], None]] = {
     "two-equilibria": _two_equilibria,
     "unstable-equilibrium": _unstable_equilibrium,

@@ -248,7 +248,7 @@ def refutation_steps(claim: Refutation) -> tuple[str, ...]:
     """Return the proof of claim "refuted" as steps."""
     steps = ["The model's hash agrees, and every function is continuous on R."]
     steps += [f"Proved: {_equilibrium(point)}." for point in claim.points]
-    steps.append(_WITNESS[claim.kind])
+    steps.append((_WITNESS | (_WITNESS_OF_STEPS if claim.subject.model.is_discrete else {}))[claim.kind])
     return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))
 
 
@@ -263,4 +263,11 @@ _WITNESS = {
     " {x >= start} is invariant and does not hold x*.",
     "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: on the line a"
     " solution never returns.",
+}
+_WITNESS_OF_STEPS = {
+    "unstable-equilibrium": "J'S J - sigma S > 0 for every Jacobian J about the ball, sigma >= 1, and e'Se > 0:"
+    " (x - x*)'S(x - x*) grows in each step from arbitrarily near x*, so x* is unstable.",
+    "unstable-linear-part": "A0'S A0 - sigma S > 0, sigma >= 1, e'Se > 0, and every other term is bounded:"
+    " from far out along e, x'Sx grows without bound.",
+    "marginal-direction": "w'A0 = w', w'B is not 0, every (w'a) f is bounded below: some input makes w'x grow.",
 }

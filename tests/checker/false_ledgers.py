@@ -438,7 +438,8 @@ _set("steps_p_large", S, R, "P > p I fails", (("p",), [4, 0]))
 _set("steps_density", S, R, "V has no integrals", (("points", 0, "densities"), [[0, [1, -4]]]),
      (("curves", 0, "forms", 0, "upper"), [[1, 0], [0, 0], None]))  # fmt: skip
 _set("steps_density_of_iss", "steps_iss", R, "V has no integrals", (("points", 0, "densities"), [[0, [1, -20]]]))
-_set("steps_dropped", "steps_iss", R, "nothing is dropped", (("dropped",), [3]))
+_set("steps_dropped", "steps_iss", R, "its row of M is not zero", (("dropped",), [3]))
+_set("steps_state_dropped", "steps_iss", R, "no state is dropped", (("dropped",), [0]))
 _set("steps_spanning", "steps_iss", R, "nothing is dropped", (("spanning",), [[0, 0]]))
 _set("steps_unstable", S, R, "an eigenvalue beyond 1", (("model", "A0", 0, 0), (1.25).hex()))
 _set("steps_alternating", S, R, "an eigenvalue below -1", (("model", "A0", 0, 0), (-1.25).hex()))

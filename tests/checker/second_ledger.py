@@ -78,7 +78,7 @@ def _check(data: dict[str, Any]) -> None:
         _densities(M, half, point, kappa)
     _facts(M, points, data["facts"])
     if steps:
-        _require(kappa < 1 and not data["dropped"], "kappa or dropped in steps")
+        _require(kappa < 1, "kappa in steps")
         _step(M, P, G)
     for i in range(0 if steps else n):
         _add(M, half[i], G[i], Fraction(-1))

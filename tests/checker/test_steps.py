@@ -1,5 +1,6 @@
 """Ledgers of models in discrete time: random models of known truth, sequences that obey, and what format 1 may say."""
 
+import json
 import random
 from collections import Counter
 from contextlib import suppress
@@ -16,7 +17,7 @@ from checker.ledgers import Sketch, curve, data, point, solved
 from checker.sampled import Sampled, faults
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
-from persid_check import Accepted, Malformed, check
+from persid_check import Accepted, Malformed, Rejected, canonical_model, check, model_sha256
 from persid_check.results import FormatError, NotProvedError
 
 FUNCTIONS = {  # with forms that are nondecreasing
@@ -140,3 +141,54 @@ def test_a_ledger_of_rates_is_none_of_steps() -> None:
         with suppress(RoundingError, FormatError, NotProvedError):
             other = with_proof(other)
         assert not isinstance(check(data(other)), Accepted), name
+
+
+def test_witnesses_of_rates_refute_no_steps() -> None:
+    """Of each kind of witness, one that refutes a field refutes nothing when the model is read in discrete time."""
+    for name in ("two", "unstable", "unstable_linear", "marginal", "cooperative", "line"):
+        content = named.load(f"refuted_{name}")
+        assert isinstance(check(data(content)), Accepted)
+        assert isinstance(check(data(as_steps(content))), Rejected), name
+
+
+def _unstable(**witness: Any) -> bytes:
+    """A witness that x+ = -1.25 x + u is unstable at 0, with some of its fields set."""
+    model = canonical_model(steps_model([], [[-1.25]]))
+    point = {"x": [[0, 0]], "radius": [0, 0]}
+    fields = {"kind": "unstable-equilibrium", "point": point, "S": [[[1, 0]]], "sigma": [5, -2], "direction": [[1, 0]]}
+    return data({
+        "format": "persid-certificate-1", "claim": "refuted", "statement": "for people", "model": model,
+        "model_sha256": model_sha256(model), "u": [[0, 0]], "witness": fields | {"T": [[1]]} | witness,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("witness", "why"),
+    [
+        ({"sigma": [3, -2]}, "less than 1"),
+        ({"sigma": [25, -4]}, "not proved positive definite"),
+        ({"sigma": [2, 0]}, "not proved positive definite"),
+        ({"S": [[[-1, 0]]]}, "not positive"),
+        ({"point": {"x": [[1, 0]], "radius": [0, 0]}}, "exactly one equilibrium"),
+        ({"direction": [[0, 0]]}, "not positive"),
+    ],
+)
+def test_forged_growth_in_steps_is_refused(witness: dict[str, Any], why: str) -> None:
+    """A share below 1 or above what a step gains, a form that is not positive, and a point without rest are refused."""
+    assert isinstance(check(_unstable()), Accepted)
+    answer = check(_unstable(**witness))
+    assert isinstance(answer, Rejected)
+    assert why in answer.why
+
+
+def test_growth_is_proved_on_all_of_a_neighbourhood() -> None:
+    """Of a fixed point known only within a ball, the slopes of the whole ball count: a wide one proves nothing."""
+    model = canonical_model(steps_model([("x**3", None, [[1.0]])], [[1.125]]))
+    content = json.loads(_unstable(T=[[1]], sigma=[9, -3]))
+    content |= {"model": model, "model_sha256": model_sha256(model)}
+    assert isinstance(check(data(content)), Accepted)
+    far = canonical_model(steps_model([("x**3", None, [[-1.0]])], [[1.125]]))  # it rests at 0 and at sqrt(1/8), too
+    content |= {"model": far, "model_sha256": model_sha256(far)}
+    assert isinstance(check(data(content)), Accepted)
+    content["witness"]["point"] = {"x": [[0, 0]], "radius": [1, -1]}
+    assert isinstance(check(data(content)), Rejected)

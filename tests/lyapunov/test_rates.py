@@ -6,7 +6,6 @@ import pytest
 import persid as ps
 from persid.lyapunov.rates import Question, best_rate, smallest_gain
 from persid.lyapunov.shifted_model import Setting
-from persid.verdicts.searches import RATE_SHARE
 
 
 def question(model: ps.PersidskiiModel, full: bool = False) -> Question:
@@ -27,7 +26,7 @@ def test_linear() -> None:
     assert best is not None
     kappa = best.assembly.unknowns.target.kappa
     assert 3.6 <= kappa <= 4.0
-    found = smallest_gain(asked, RATE_SHARE * kappa, best, plenty)
+    found = smallest_gain(asked, 0.5 * kappa, best, plenty)
     assert found is not None
     assert found.assembly.unknowns.target.ratio is not None
     assert 0.5 <= np.sqrt(found.assembly.unknowns.target.ratio / found.assembly.unknowns.target.kappa) <= 0.55

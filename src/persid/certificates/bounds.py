@@ -6,6 +6,7 @@ For every input, and every x(0) for which the claim holds, it says
 
 where spread = sum_j sqrt(s_j / (kappa p)) epsilon_j for the deviations of a plant, 0 for a model,
 and Gamma = gamma I, or a matrix that gives each input its own gain. Where b counts as one more input, v ends with 1.
+In discrete time t is a multiple of dt, and (1 - kappa)^(t/dt) stands for exp(-kappa t).
 """
 
 import math
@@ -98,6 +99,28 @@ def remaining(claim: Claim) -> arb:
         return spread(claim, _unit(claim))
 
 
+def decay(claim: Claim) -> arb:
+    """Return the rate at which |x - x*| is proved to decay, in 1/s: kappa/2, in discrete time -ln(1 - kappa)/(2 dt)."""
+    dt = claim.model.dt
+    if dt is None:
+        return ball(claim.kappa / 2)
+    return -ball(1 - claim.kappa).log() / ball(2 * dt)
+
+
+def rate(claim: Claim) -> float:
+    """Return `decay`, rounded down."""
+    if claim.model.dt is None:
+        return below(claim.kappa / 2)
+    with ctx.workprec(BITS):
+        return -above(-decay(claim))
+
+
+def factor(claim: Claim) -> float:
+    """Return sqrt(1 - kappa), what is left of the bound of the state in one step, rounded up."""
+    with ctx.workprec(BITS):
+        return above(ball(1 - claim.kappa).sqrt())
+
+
 def overshoot(claim: Claim, x0: Float[ndarray, " n"]) -> arb:
     """Return sqrt(V(x0) / p)."""
     with ctx.workprec(BITS):
@@ -110,7 +133,7 @@ def bound(
 ) -> Float[ndarray, " N"]:
     """Return the bound of |x(t) - x*| at times t (s) for inputs with sup|v| <= u_sup, or sup|v_l| <= u_sup[l] each."""
     with ctx.workprec(BITS):
-        start, rate = overshoot(claim, x0), ball(claim.kappa / 2)
+        start, rate = overshoot(claim, x0), decay(claim)
         if isinstance(u_sup, float):
             steady = gain(claim) * arb(u_sup)
         else:

@@ -103,8 +103,15 @@ class Certificate:
 
     @property
     def rate(self) -> float | None:
-        """The decay rate kappa/2 of the state, in 1/s, rounded down; None for claim "iss", which has none."""
-        return bounds.below(self.stated.kappa / 2) if self.stated.has_rate else None
+        """The decay rate of the state, in 1/s, rounded down; None for claim "iss", which has none."""
+        return bounds.rate(self.stated) if self.stated.has_rate else None
+
+    @property
+    def contraction(self) -> float | None:
+        """The share of the state's bound that one step leaves, sqrt(1 - kappa), rounded up; None in continuous time."""
+        if not (self.stated.has_rate and self.model.is_discrete):
+            return None
+        return bounds.factor(self.stated)
 
     @property
     def gain(self) -> float | None:
@@ -182,7 +189,8 @@ class Certificate:
     def bound(self, x0: Any, u_sup: Any, t: Any) -> Float[ndarray, " N"]:
         """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
 
-        Where u_sup is a vector (m,), it bounds each input apart: sup|u_l - u_l*| <= u_sup[l]. Rounded outwards, in the
+        In discrete time it is about multiples of dt. Where u_sup is a vector (m,), it bounds each input apart:
+        sup|u_l - u_l*| <= u_sup[l]. Rounded outwards, in the
         user's units; where b counts as one more input (no operating point), it is included.
 
         Raises:

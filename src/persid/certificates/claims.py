@@ -103,7 +103,7 @@ class Claim:
 
 def claim_of(content: Mapping[str, Any]) -> Claim:
     """Return what the object of a certificate claims, of either format."""
-    model, ledger = model_of(content["model"]), content["format"] == LEDGER
+    model, ledger = model_of(content["model"], discrete=True), content["format"] == LEDGER
     point, rows = content["operating_point"], content["P"]
     x, radius, u = (None, _ZERO, None) if point is None else _ball(point)
     kind = content["claim"] if ledger else WORDS[content["claim"]]

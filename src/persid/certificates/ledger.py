@@ -161,7 +161,7 @@ def as_ledger(content: dict[str, Any], deviations: Sequence[dict[str, Any]] = ()
     Raises:
         RoundingError: a lemma has no partition that is found, or a factor no proof.
     """
-    model, claim = model_of(content["model"]), content["claim"]
+    model, claim = model_of(content["model"], discrete=True), content["claim"]
     curves, points, facts = Curves(), [], []
     for g, (group, stored) in enumerate(zip(groups_of(model), content["groups"], strict=True)):
         scale, row, alphas = _dyadic_row(group.row, [alpha for _, alpha in group.members])

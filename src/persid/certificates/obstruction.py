@@ -50,7 +50,7 @@ class Obstruction:
 def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | None:
     """Return the obstruction that the dual matrix of an infeasible search is, if the checker accepts it."""
     system, full = outcome.assembly.unknowns.system, outcome.assembly.problem.symmetric > 0
-    if outcome.assembly.unknowns.target.kappa or len(system.states) < model.n:
+    if model.is_discrete or outcome.assembly.unknowns.target.kappa or len(system.states) < model.n:
         return None
     try:
         L = _factor(outcome)

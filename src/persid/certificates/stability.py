@@ -47,7 +47,7 @@ def prove(
     try:
         return Certificate.accept(encode(as_ledger(content, deviations)))
     except (RejectedError, RoundingError):
-        if deviations:
+        if deviations or model.is_discrete:  # version 1 knows neither
             raise
         return Certificate.accept(encode(content))
 
@@ -80,8 +80,8 @@ def version_1(
     system, states = lyapunov.system, list(lyapunov.system.states)
     rate, regional = lyapunov.kappa > 0, box is not None
     claim = "R" if regional else "E" if rate else "G" if len(states) == model.n else "M"
-    side, Gamma, gamma = _inputs(lyapunov)
-    block = np.block([[lyapunov.decrease, side], [side.T, Gamma]])
+    side, push, Gamma, gamma = _inputs(lyapunov)
+    block = np.block([[lyapunov.decrease, -side], [-side.T, Gamma - push]])
     below = lyapunov.below[np.ix_(states, states)]
     p = _floor(np.linalg.eigvalsh(below)[0]) if rate else 0.0
     content: dict[str, Any] = {
@@ -128,13 +128,14 @@ def _is_incremental(lyapunov: Lyapunov) -> bool:
     )
 
 
-def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, Any]:
-    """Return -E B and Gamma in the user's units, and Gamma as the file has it: gamma I, or a matrix."""
-    side = -lyapunov.E @ lyapunov.system.B
-    if lyapunov.units is None:
-        return side, lyapunov.gamma * np.eye(side.shape[1]), dyadic(lyapunov.gamma)
-    Gamma = rounded(lyapunov.coupling / lyapunov.units / lyapunov.units[:, None])
-    return side / lyapunov.units, Gamma, {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}
+def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, ndarray, Any]:
+    """Return crossing, push and Gamma in the user's units, and Gamma as the file has it: gamma I, or a matrix."""
+    side, push, units = lyapunov.crossing, lyapunov.push, lyapunov.units
+    if units is None:
+        return side, push, lyapunov.gamma * np.eye(side.shape[1]), dyadic(lyapunov.gamma)
+    Gamma = rounded(lyapunov.coupling / units / units[:, None])
+    stored = {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}
+    return side / units, push / units / units[:, None], Gamma, stored
 
 
 def _largest(Gamma: ndarray) -> float:

@@ -13,6 +13,8 @@ def of_certificate(certificate: Any) -> str:
     if certificate.model.n <= MOST_STATES:
         rows.append(("operating point", ", ".join(f"{x:.5g}" for x in certificate.operating_point)))
     rows += [] if certificate.rate is None else [("rate, 1/s", below(certificate.rate))]
+    left = getattr(certificate, "contraction", None)  # networks are certified in continuous time
+    rows += [] if left is None else [("share left after a step", above(left))]
     rows += [] if certificate.gain is None else [("gain", above(certificate.gain))]
     outputs = getattr(certificate, "outputs", ())  # a network certificate bounds none
     if outputs:

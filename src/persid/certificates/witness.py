@@ -74,7 +74,7 @@ class _Candidate:
 
 def find_witness(model: PersidskiiModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]) -> Witness | None:
     """Return the first witness that the checker accepts, cheap ones first; `points` are proved equilibria at u."""
-    for make in _KINDS:
+    for make in _OF_STEPS if model.is_discrete else _KINDS:
         for candidate in make(model, u, points):
             proof = {"u": dyadics(u), "witness": {"kind": candidate.kind, **candidate.fields}}
             with suppress(RejectedError):
@@ -94,7 +94,7 @@ def _numbers(x: ndarray) -> str:
 def _unstable_equilibrium(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
     """A quadratic form that grows along the linearisation where the Jacobian has an unstable eigenvalue."""
     for point in points:
-        grown = _growth(model.jacobian(point.x))
+        grown = _growth(model.jacobian(point.x), model.is_discrete)
         if grown is not None:
             sentence = f"{_at(model, u)} its equilibrium {_numbers(point.x)} is unstable, so the model is not ISS."
             yield _Candidate(
@@ -105,34 +105,44 @@ def _unstable_equilibrium(model: PersidskiiModel, u: ndarray, points: Sequence[O
 
 
 def _unstable_linear_part(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
-    grown = _growth(model.channels.A0)
+    grown = _growth(model.channels.A0, model.is_discrete)
     if grown is not None:
         sentence = "Its functions are bounded and its linear part is unstable: from far out it diverges."
         yield _Candidate("unstable-linear-part", grown, sentence)
 
 
-def _growth(J: Float[ndarray, "n n"]) -> Json | None:
-    """Return S, sigma and e with J'S + S J - 2 sigma S near I and e'Se > 0, or None; J may be stable, or not finite."""
+def _growth(J: Float[ndarray, "n n"], steps: bool) -> Json | None:
+    """Return S, sigma and e with J'S + S J - 2 sigma S near I and e'Se > 0, or None; J may be stable, or not finite.
+
+    In steps it is J'S J - sigma S that is near I, and sigma lies between 1 and the largest |eigenvalue|^2.
+    """
     if not np.isfinite(J).all():
         return None
-    largest = float(np.linalg.eigvals(J).real.max())
+    eigenvalues = np.linalg.eigvals(J)
+    largest = float((np.abs(eigenvalues) ** 2 - 1 if steps else eigenvalues.real).max())
     if largest <= 0:
         return None
     for share in (0.5, 0.75, 0.25, 0.9):
-        sigma = rounded(np.array([share * largest]), 20)[0]
-        shifted = J - sigma * np.eye(len(J))
+        sigma = float(rounded(np.array([share * largest + steps]), 20)[0])
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # of a singular equation: S is judged by the checker
-                S = sla.solve_continuous_lyapunov(shifted.T, np.eye(len(J)))
+                S = _grown(J, sigma, steps)
             S = rounded((S + S.T) / 2 / np.abs(S).max(), 44)
             e = rounded(np.linalg.eigh(S)[1][:, -1], 20)
-            T = factor(shifted.T @ S + S @ shifted)
+            T = factor(J.T @ S @ J - sigma * S if steps else J.T @ S + S @ J - 2 * sigma * S)
         except (np.linalg.LinAlgError, RoundingError, ValueError):
             continue
         lower = [dyadics(row[: i + 1]) for i, row in enumerate(S)]
-        return {"S": lower, "sigma": dyadic(float(sigma)), "direction": dyadics(e), "T": T}
+        return {"S": lower, "sigma": dyadic(sigma), "direction": dyadics(e), "T": T}
     return None
+
+
+def _grown(J: ndarray, sigma: float, steps: bool) -> Float[ndarray, "n n"]:
+    """Solve J'S + S J - 2 sigma S = I, or J'S J - sigma S = I."""
+    if steps:
+        return np.asarray(-sla.solve_discrete_lyapunov(J.T / np.sqrt(sigma), np.eye(len(J)), method="bilinear") / sigma)
+    return np.asarray(sla.solve_continuous_lyapunov(J.T - sigma * np.eye(len(J)), np.eye(len(J))))
 
 
 def _two_equilibria(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
@@ -147,8 +157,11 @@ def _two_equilibria(model: PersidskiiModel, u: ndarray, points: Sequence[Operati
 
 
 def _marginal_direction(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
-    """Exact vectors w with w'A0 = 0, both signs: some constant input may drive w'x to infinity."""
-    for w in _left_kernel(model.channels.A0):
+    """Exact vectors w with w'A0 = 0, both signs: some constant input may drive w'x to infinity.
+
+    In discrete time w'A0 = w'.
+    """
+    for w in _left_kernel(model.channels.A0, int(model.is_discrete)):
         for sign in (1, -1):
             direction = [sign * v for v in w]
             if np.any(np.array([float(v) for v in direction]) @ model.B):
@@ -161,12 +174,12 @@ def _marginal_direction(model: PersidskiiModel, u: ndarray, points: Sequence[Ope
                     yield _Candidate("marginal-direction", {"direction": [[int(v), 0] for v in direction]}, sentence)
 
 
-def _left_kernel(A0: ndarray) -> Iterator[list[int]]:
-    """Yield integer vectors spanning {w : w'A0 = 0}, exactly; nothing for large models."""
+def _left_kernel(A0: ndarray, eigenvalue: int) -> Iterator[list[int]]:
+    """Yield integer vectors spanning {w : w'A0 = eigenvalue w'}, exactly; nothing for large models."""
     n = len(A0)
-    if n > 60 or np.linalg.matrix_rank(A0) == n:
+    if n > 60 or np.linalg.matrix_rank(A0 - eigenvalue * np.eye(n)) == n:
         return
-    entries = [Fraction(float(v)) for v in A0.T.ravel()]
+    entries = [Fraction(float(v)) - eigenvalue * (k % (n + 1) == 0) for k, v in enumerate(A0.T.ravel())]
     reduced, rank = fmpq_mat(n, n, [fmpq(v.numerator, v.denominator) for v in entries]).rref()
     pivots = [next(j for j in range(n) if reduced[i, j] != 0) for i in range(rank)]
     for free in (j for j in range(n) if j not in pivots):
@@ -213,7 +226,8 @@ def _invariant_line(model: PersidskiiModel, u: ndarray, points: Sequence[Operati
                 yield _Candidate("invariant-line", {"direction": dyadics(v), "offset": dyadic(offset)}, sentence)
 
 
-_KINDS: tuple[Callable[[PersidskiiModel, ndarray, Sequence[OperatingPoint]], Iterator[_Candidate]], ...] = (
+Make = Callable[[PersidskiiModel, ndarray, Sequence[OperatingPoint]], Iterator[_Candidate]]
+_KINDS: tuple[Make, ...] = (
     _two_equilibria,
     _unstable_equilibrium,
     _marginal_direction,
@@ -221,3 +235,4 @@ _KINDS: tuple[Callable[[PersidskiiModel, ndarray, Sequence[OperatingPoint]], Ite
     _cooperative_growth,
     _invariant_line,
 )
+_OF_STEPS: tuple[Make, ...] = (_two_equilibria, _unstable_equilibrium, _marginal_direction, _unstable_linear_part)

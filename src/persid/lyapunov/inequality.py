@@ -6,6 +6,7 @@ With z = (x, channel values), x' = G z + B u and half the gradient of V equal to
 
 with N_g z = phi_g. Every unknown is a pair of rows: P_ij: e_i, G_j; mu_gk: N_g'l_k, G'r_g; tau_gkl: N_g'l_k, N_g'l_l.
 Deviations L w of a plant (`deviations`) are further entries: z grows by w, G by L; s_j adds s_j (C_j'C_j - I) to Q.
+In discrete time there is no mu, and P_ij is two signed pairs: G_i, G_j and, less 1 - kappa times, e_i, e_j.
 Paper: thm:main_ISS and cor:extension_basis_function are the special cases with the forms e_0, …, e_J only.
 """
 
@@ -114,13 +115,16 @@ class Catalogue:
         self._gradients: list[tuple[ndarray, float, ndarray]] = []  # rho, upper and the row of H
         self._codes: dict[tuple[int, float], int] = {}
         self._unknowns: dict[Label, _Unknown] = {}
-        self._quadratic()
+        if system.discrete:
+            self._stepped()
+        else:
+            self._quadratic()
         self._forms = [self._rows(group, family.forms) for group, family in zip(system.groups, families, strict=True)]
         for g, family in enumerate(families):
             self._densities(g, family)
         self._deviations()
         if self.target.ratio is not None:
-            self._smallest_eigenvalue()
+            (self._smallest_eigenvalue_of_steps if system.discrete else self._smallest_eigenvalue)()
 
     def assembly(self, families: Sequence[Family]) -> Assembly:
         """Return the problem of some of the densities and of products, in families of the same forms."""
@@ -146,6 +150,8 @@ class Catalogue:
         """
         names, problem = self._all_densities
         worth = [np.full(len(family.forms), np.nan) for family in self.families]
+        if not names:
+            return list(zip(self._product_prices(X), worth, strict=True))
         for (_, g, k), price in zip(names, pairings(problem, X), strict=True):
             worth[g][k] = price
         return list(zip(self._product_prices(X), worth, strict=True))
@@ -270,6 +276,31 @@ class Catalogue:
         size = float(shape.max())
         pairs = ((*range(k), *inputs), (*codes, *inputs), (*(shape / size).tolist(), *(ratio / size).tolist()))
         self._unknowns[("p",)] = _Unknown(*pairs, size, float(shape.sum() / size))
+
+    def _stepped(self) -> None:
+        """Add the entries of P: what x+'P x+ - (1 - kappa) x'P x holds of each, with the rows of x+ in S."""
+        k, left = self.system.n, 1 - self.target.kappa
+        self._S.append(sparse.csr_array(self.flow / self.units.states[:, None]))
+        after, self._height = self._height, self._height + k
+        if self.full_P:
+            for number, (i, j) in enumerate(combinations_with_replacement(range(k), 2)):
+                pairs = (after + i, i), (after + j, j), (1.0, -left)
+                self._unknowns["P", number] = _Unknown(*pairs, 1.0, 2.0 if i == j else 0.0)
+        else:
+            for i in range(k):
+                pairs = (after + i, i), (after + i, i), (0.5, -0.5 * left)
+                self._unknowns["P", i] = _Unknown(*pairs, float(self.units.states[i] ** 2), 1.0)
+
+    def _smallest_eigenvalue_of_steps(self) -> None:
+        """Add p, as `_smallest_eigenvalue` does: V has p x'diag(shape)x more, at both ends of a step."""
+        k, left = self.system.n, 1 - self.target.kappa
+        shape = self.target.shape_of(self.system) * self.units.states**2
+        inputs = range(self.system.entries, self.inside)
+        ratio = -0.5 * float(self.target.ratio or 0.0) * self.weights[self.system.entries : self.inside] ** 2
+        size, half = float(shape.max()), 0.5 * shape
+        rows = (*range(self.width, self.width + k), *range(k), *inputs)
+        weights = np.concatenate([half, -left * half, ratio]) / size
+        self._unknowns[("p",)] = _Unknown(rows, rows, tuple(weights.tolist()), size, float(shape.sum() / size))
 
     @cached_property
     def _factor(self) -> sparse.csr_array:

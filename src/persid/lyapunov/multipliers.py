@@ -64,10 +64,31 @@ class Lyapunov:
         return E
 
     @cached_property
+    def rise(self) -> Float[ndarray, "N N"]:
+        """The form V' = 2 z'E G z without inputs, or V(x+) - V(x) = z'G'P G z - x'P x in discrete time."""
+        EG = self.E @ self.system.G
+        if not self.system.discrete:
+            return np.asarray(EG + EG.T)
+        step = self.system.G.T @ self.P @ self.system.G
+        step[: self.system.n, : self.system.n] -= self.P
+        return np.asarray(step)
+
+    @cached_property
+    def crossing(self) -> Float[ndarray, "N m"]:
+        """What V rises by z times inputs, E B; G'P B in discrete time."""
+        G, B = self.system.G, self.system.B
+        return np.asarray(G.T @ self.P @ B if self.system.discrete else self.E @ B)
+
+    @cached_property
+    def push(self) -> Float[ndarray, "m m"]:
+        """What V rises by inputs alone, B'P B in a step; nothing in continuous time."""
+        B = self.system.B
+        return np.asarray(B.T @ self.P @ B if self.system.discrete else np.zeros((B.shape[1], B.shape[1])))
+
+    @cached_property
     def decrease(self) -> Float[ndarray, "N N"]:
         """The matrix -Q - kappa W."""
-        EG = self.E @ self.system.G
-        total: ndarray = -EG - EG.T
+        total: ndarray = -self.rise
         if self.kappa:
             k = len(self.system.states)
             total[:k, :k] -= self.kappa * self.P[np.ix_(self.system.states, self.system.states)]
@@ -102,9 +123,9 @@ class Lyapunov:
 
     @cached_property
     def _driven(self) -> tuple[Float[ndarray, "N m"], Float[ndarray, "m m"]]:
-        """How inputs enter: E B, and what deviations that read them add to it and to Gamma."""
+        """How inputs enter: crossing and push, and what deviations that read them add to it and to Gamma."""
         N, known = self.system.entries, self._spread[0]
-        return self.E @ self.system.B + known[:N, N:], known[N:, N:]
+        return self.crossing + known[:N, N:], self.push + known[N:, N:]
 
     @cached_property
     def below(self) -> Float[ndarray, "n n"]:
@@ -120,7 +141,7 @@ class Lyapunov:
 
     @property
     def _least(self) -> Float[ndarray, "m m"]:
-        """The least Gamma, (EB)'(-Q - kappa W)^-1 EB where there are no deviations."""
+        """The least Gamma, (EB)'(-Q - kappa W)^-1 EB where there are no deviations; B'P B more in discrete time."""
         scale = 1 / np.sqrt(np.diag(self.robust))
         EB, own = self._driven
         scaled = scale[:, None] * EB

@@ -119,7 +119,7 @@ class PoolFence:
 def catalogue(system: System, families: Sequence[Family], full_P: bool, target: Target) -> Catalogue:
     """Return all that pools allow: every form with the constant c that a rate needs may stand in V."""
     allowed = [
-        Family(family.forms, _rated(group, family.forms, target), ())
+        Family(family.forms, () if system.discrete else _rated(group, family.forms, target), ())
         for group, family in zip(system.groups, families, strict=True)
     ]
     return Catalogue(system, allowed, full_P=full_P, target=target)
@@ -137,7 +137,8 @@ def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Ta
     usable = pool[pool[:, 0] == 0] if touched else pool
     usable = usable if group.channels else usable[:0]
     first = Family.full(usable[:FIRST_FORMS]).within(usable)
-    return Family(usable, _rated(group, usable, target)[:FIRST_FORMS], first.products)
+    densities = () if system.discrete else _rated(group, usable, target)[:FIRST_FORMS]
+    return Family(usable, densities, first.products)
 
 
 def _contains(old: Family, new: Family) -> bool:

@@ -69,8 +69,28 @@ class Setting:
 
     @property
     def jacobian(self) -> Float[ndarray, "n n"]:
-        """The linearisation at the operating point, in 1/s."""
+        """The linearisation at the operating point, in 1/s, or of one step."""
         return self.model.jacobian(self.model.x_ref if self.point is None else self.point.x)
+
+    @property
+    def fastest(self) -> float:
+        """What no kappa exceeds: twice the decay rate of the linearisation, or its loss 1 - |z|^2 in a step."""
+        eigenvalues = np.linalg.eigvals(self.jacobian)
+        if self.model.is_discrete:
+            return 1 - float(np.abs(eigenvalues).max()) ** 2
+        return -2 * float(eigenvalues.real.max())
+
+    def gentle(self, kappa: float) -> float:
+        """Return the kappa of half its rate, at which gains are about smallest: kappa/2, or 1 - sqrt(1 - kappa).
+
+        Of x' = -a x + u the gain is 1/sqrt(kappa (2a - kappa)); of x+ = a x + u it is sqrt(r / ((r - a^2)(1 - r))) with
+        r = 1 - kappa, smallest at r = a.
+        """
+        return 0.5 * kappa if self.model.dt is None else -float(np.expm1(0.5 * np.log1p(-kappa)))
+
+    def loss(self, rate: float) -> float:
+        """Return the kappa that goes with a rate of the state in 1/s: 2 rate, or 1 - exp(-2 rate dt) in a step."""
+        return 2 * rate if self.model.dt is None else -float(np.expm1(-2 * rate * self.model.dt))
 
     @property
     def units(self) -> Float[ndarray, " m"]:
@@ -78,8 +98,9 @@ class Setting:
 
         A gain that is small in these units is small for each input, whatever the user's units.
         """
-        B = self.system.B
-        moved = np.linalg.norm(np.linalg.lstsq(self.jacobian, B, rcond=None)[0], axis=0)
+        B, J = self.system.B, self.jacobian
+        slopes = J - np.eye(len(J)) if self.model.is_discrete else J
+        moved = np.linalg.norm(np.linalg.lstsq(slopes, B, rcond=None)[0], axis=0)
         return np.exp2(-np.round(np.log2(np.where(moved > 0, moved, 1.0))))
 
     @property

@@ -20,7 +20,7 @@ class System:
 
     Entries of z with a zero column of G that no form touches are left out: channels without effect, and where it helps
     states that enter through radially unbounded functions alone. Without an operating point the functions are not
-    shifted and a constant b is the last column of B.
+    shifted and a constant b is the last column of B. In discrete time x+ stands for x', and every state is kept.
     """
 
     G: Float[ndarray, "n N"]
@@ -28,6 +28,7 @@ class System:
     groups: tuple[Group, ...]
     states: tuple[int, ...]
     channels: tuple[int, ...]
+    discrete: bool = False
 
     @property
     def n(self) -> int:
@@ -69,10 +70,11 @@ def system(
     """
     channels = model.channels
     active = tuple(int(c) for c in np.flatnonzero(channels.columns.any(axis=0)))
-    kept = tuple(i for i in range(model.n) if channels.A0[:, i].any() or _needs_state(i, found, pools))
+    reads = np.flatnonzero(channels.A0.any(axis=0)).tolist()
+    kept = tuple(i for i in range(model.n) if model.is_discrete or i in reads or _needs_state(i, found, pools))
     G = np.hstack([channels.A0[:, list(kept)], channels.columns[:, list(active)]])
     B = model.B if shifted or not model.b.any() else np.hstack([model.B, model.b[:, None]])
-    return System(G, B, found, kept, active)
+    return System(G, B, found, kept, active, model.is_discrete)
 
 
 def _needs_state(i: int, found: Sequence[Group], pools: Mapping[Curve, ndarray]) -> bool:
@@ -109,6 +111,8 @@ class Family:
 class Target:
     """What an inequality asks for: V' <= -kappa V + gamma |u|^2 and P >= p diag(shape), with gamma = ratio * p.
 
+    In discrete time V(x+) - V(x) stands for V', and kappa is the share that V loses in a step.
+
     kappa = 0 asks for V' < 0 alone; ratio = None leaves the inputs out (some gamma always exists then). `upper` gives
     the constants c of rates for each curve, one per form of its pool, NaN for forms that have none; `lower` the
     constants d of regions, with which P + sum mu d r r' takes the place of P, and P may be indefinite.
@@ -143,7 +147,10 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """z = diag(entries) z^, x = diag(states) x^, u = diag(inputs) u^, t = t^ / rate: the units of the inequality."""
+    """z = diag(entries) z^, x = diag(states) x^, u = diag(inputs) u^, t = t^ / rate: the units of the inequality.
+
+    The rate is 1 in discrete time, where a step is the unit of time.
+    """
 
     states: Float[ndarray, " n"]
     entries: Float[ndarray, " N"]
@@ -168,7 +175,7 @@ def scaling(system: System) -> Scaling:
     for group in system.groups:
         entries[[system.places[c] for c in group.channels]] = sizes(group.curve)[1:]
     squares = np.einsum("ij,ij,j->i", system.G, system.G, entries**2) / states**2  # no second matrix of its size
-    rate = float(np.sqrt(squares.sum() / system.n)) or 1.0
+    rate = 1.0 if system.discrete else float(np.sqrt(squares.sum() / system.n)) or 1.0
     strength = np.linalg.norm(system.B / states[:, None], axis=0) / rate
     return Scaling(states, entries, 1 / np.where(strength > 0, strength, 1.0), rate)
 

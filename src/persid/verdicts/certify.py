@@ -45,7 +45,8 @@ def certify(
     """Decide whether a model is input-to-state stable about its operating point.
 
     Global questions are tried first: what refutes, then a Lyapunov function on all of R^n, its rate and gain. Where
-    these leave a model undecided that has a box of data, a region inside that box is certified.
+    these leave a model undecided that has a box of data, a region inside that box is certified. In discrete time V is
+    quadratic, and a rate is also a share that is left after each step: certificate.contraction.
 
     Args:
         model: the model; the verdict is about it, not about the plant. The certificate of an OutputModel bounds every
@@ -78,8 +79,6 @@ def certify(
     if outputs is not None:
         refuse_steep_maps(outputs)
     dynamics = model.dynamics if isinstance(model, OutputModel) else model
-    if dynamics.is_discrete:
-        raise ModelError("certify needs a model in continuous time; this one goes in steps")
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
@@ -201,7 +200,7 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
             log.best = answer
             return _with_margin(asked, setting, _rated(asked, setting, kind == "full", answer, log), log)
         failure = answer
-    if log.left() > 0:
+    if log.left() > 0 and not asked.model.is_discrete:  # claim L1 is about derivatives
         found = _by_weights(asked, log)
         if isinstance(found, NetworkCertificate):
             return Certified(found, tuple(log.attempts))
@@ -257,7 +256,8 @@ def _beside_the_best(asked: _Asked, setting: Setting, certificate: Certificate, 
 
 def _with_margin(asked: _Asked, setting: Setting, found: Certified, log: Log) -> Certified:
     """Return a verdict with the residual margin, where the certificate is one of states and there is time."""
-    if asked.outputs is not None or setting.model.n > MARGIN_STATES or log.left() <= 0:
+    unasked = asked.outputs is not None or setting.model.is_discrete  # deviations of a step are not sought
+    if unasked or setting.model.n > MARGIN_STATES or log.left() <= 0:
         return found
     with log.attempt("residual margin") as outcome:
         answer = residual_margin(setting, asked.u, log)

@@ -1,6 +1,6 @@
 """Evidence beside an undecided verdict: what simulations from bounded states do at the nominal input. No proof."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
@@ -16,6 +16,7 @@ from persid.models.model import PersidskiiModel
 
 RUNS = 8  # initial states, drawn from a box
 STEPS = 300  # of the solver, in one run
+ITERATIONS = 1000  # steps of a model in discrete time, in one run
 SPAN = 100.0  # a run lasts so many times the inverse of the largest rate of the linearisation
 STILL = 0.01  # of its largest speed: a run that is slower at its end has come to rest
 FAR = 1e4  # a state beyond so many times the size of the box has diverged
@@ -62,6 +63,9 @@ def simulated(
     box = usual_box(model) if box is None else box
     starts = np.random.default_rng(seed).uniform(box[:, 0], box[:, 1], (RUNS, model.n))
     starts[0] = box[:, 1]
+    far = FAR * (1 + float(np.abs(box).max()))
+    if model.is_discrete:
+        return _evidence(starts, [_sequence(model, u, x0, far) for x0 in starts])
     with np.errstate(all="ignore"):
         rates = np.abs(np.linalg.eigvals(np.nan_to_num(model.jacobian(model.x_ref))))
     span = SPAN / (float(rates.max()) or 1.0)
@@ -70,8 +74,11 @@ def simulated(
     def rate(_: float, x: ndarray) -> ndarray:
         return np.asarray(np.nan_to_num(dot(x) + force, nan=HUGE))
 
-    far = FAR * (1 + float(np.abs(box).max()))
-    runs = [_run(rate, x0, span, far) for x0 in starts]
+    return _evidence(starts, [_run(rate, x0, span, far) for x0 in starts])
+
+
+def _evidence(starts: Float[ndarray, "r n"], runs: Sequence[tuple[float | None, bool]]) -> Evidence:
+    """Count how runs from the starts ended."""
     times, moving = [time for time, _ in runs], sum(moves for _, moves in runs)
     first = next((k for k, time in enumerate(times) if time is not None), None)
     diverged = sum(time is not None for time in times)
@@ -89,3 +96,17 @@ def _run(rate: Callable[[float, ndarray], ndarray], x0: ndarray, span: float, fa
                 return float(solver.t), False
             fastest = max(fastest, float(np.abs(rate(solver.t, solver.y)).max()))
     return None, bool(np.abs(rate(solver.t, solver.y)).max() > STILL * fastest)
+
+
+def _sequence(
+    model: PersidskiiModel, u: Float[ndarray, " m"], x0: Float[ndarray, " n"], far: float
+) -> tuple[float | None, bool]:
+    """The same of a model in discrete time, over a fixed number of its steps."""
+    x, fastest, speed = x0, 0.0, 0.0
+    for k in range(1, ITERATIONS + 1):
+        after = np.nan_to_num(model.rhs(x, u), nan=HUGE, posinf=HUGE, neginf=-HUGE)
+        if not np.abs(after).max() < far:
+            return k * float(model.dt or 0.0), False
+        speed, x = float(np.abs(after - x).max()), after
+        fastest = max(fastest, speed)
+    return None, speed > STILL * fastest

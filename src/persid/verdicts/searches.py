@@ -23,7 +23,6 @@ from persid.verdicts.log import Log
 from persid.verdicts.verdict import Reason
 from persid_check.prover import prove_radially_unbounded
 
-RATE_SHARE = 0.5  # the gain is made small at this share of the best rate, where no larger one is asked for
 ABOVE = 1 + 1e-6  # times a rate that is asked for: the file carries it rounded
 
 Find = Callable[[Setting], Lyapunov | Failure]
@@ -90,14 +89,13 @@ def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
 def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each: bool, log: Log) -> Lyapunov | Failure:
     """Return a Lyapunov function of at least a rate (1/s), its gain made small; that of the best rate goes to the log.
 
-    The gain is smallest at about half of the best rate: of x' = -a x + u it is 1/sqrt(kappa (2a - kappa)). So that half
-    is taken unless more is asked for. In a box V is bounded from below in the shape of the box; with `each`, every
-    input has a gain of its own.
+    The gain is smallest at about half of the best rate, which is taken unless more is asked for. In a box V is bounded
+    from below in the shape of the box; with `each`, every input has a gain of its own.
     """
     J = setting.jacobian
     if not np.isfinite(J).all():
         return Failure(Reason.OUTSIDE, words.NO_SLOPE)
-    fastest = -2 * float(np.linalg.eigvals(J).real.max())
+    fastest = setting.fastest
     if fastest <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     system, reach = setting.system, setting.reach
@@ -110,14 +108,14 @@ def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each
         system, setting.pools, setting.upper, setting.below, full_P, None if reach is None else 1 / reach**2
     )
     best = best_rate(question, fastest, log.left)
-    asked = 2 * (rate or 0.0) * ABOVE
+    asked = setting.loss(ABOVE * (rate or 0.0))
     if (0.0 if best is None else kappa(best)) < asked <= fastest:  # bisection has left a few percent
         best = question.ask(asked, None, best, log.left) or best
     if best is None:
         if log.left() > 0 and reach is not None:
             return Failure(Reason.NOT_FOUND, words.SMALLER)
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    aim = min(max(RATE_SHARE * kappa(best), asked), kappa(best))
+    aim = min(max(setting.gentle(kappa(best)), asked), kappa(best))
     gentle = smallest_gain(question, aim, best, log.left) or best
     log.fastest = partial(choose, best.assembly, best.solution.y, setting.lower, units)
     return choose(gentle.assembly, gentle.solution.y, setting.lower, units)

@@ -76,11 +76,11 @@ def _numbers(ledger: Ledger) -> None:
 
 
 def _discrete_numbers(ledger: Ledger) -> None:
-    """In discrete time V = x'P x shrinks to a share 1 - kappa, and every entry is kept (section 10)."""
+    """In discrete time V = x'P x shrinks to a share 1 - kappa, and every state is kept (section 10)."""
     if ledger.kappa >= 1:
         raise NotProvedError("kappa", "in discrete time it is less than 1")
-    if ledger.dropped or ledger.spanning:
-        raise NotProvedError("dropped", "in discrete time no entry is dropped")
+    if any(i < ledger.model.n for i in ledger.dropped) or ledger.spanning:
+        raise NotProvedError("dropped", "in discrete time no state is dropped")
     if any(mu for point in ledger.points for _, mu in point.densities):
         raise NotProvedError("points", "in discrete time V has no integrals: every density is 0")
 
