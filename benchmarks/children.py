@@ -89,8 +89,13 @@ def _resident(field: str, reset: bool = False) -> float | None:
     return next(float(line.split()[1]) for line in lines if line.startswith(field))
 
 
-def child(script: str, *arguments: str, python: str = sys.executable, seconds: int = SECONDS) -> dict[str, Any]:
-    """Run a script of this folder with limits; return the JSON object that it prints last, or {"answer": why not}."""
+def child(
+    script: str, *arguments: str, python: str = sys.executable, seconds: int = SECONDS, limits: bool = True
+) -> dict[str, Any]:
+    """Run a script of this folder; return the JSON object that it prints last, or {"answer": why not}.
+
+    Without `limits` it has as long, as much memory and as many threads as it likes.
+    """
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -100,8 +105,8 @@ def child(script: str, *arguments: str, python: str = sys.executable, seconds: i
     source = {"PYTHONPATH": str(RESULTS.parents[1] / "src")}
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=8 * seconds, env=os.environ | THREADS | source,
-            preexec_fn=limited, check=False,
+            command, capture_output=True, text=True, check=False, timeout=8 * seconds if limits else None,
+            env=os.environ | (THREADS if limits else {}) | source, preexec_fn=limited if limits else None,
         )  # fmt: skip
     except (subprocess.TimeoutExpired, FileNotFoundError) as error:
         return {"answer": "time-out" if isinstance(error, subprocess.TimeoutExpired) else "not installed"}

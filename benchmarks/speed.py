@@ -3,15 +3,18 @@
 The models are of column_dominance (forms) and dissipative (the paper's multipliers) in families.py of the shared data.
 Every run is a process of its own with one thread, 8 GiB of address space and 3 minutes; a solver that runs out of
 either is not tried on larger models. Seconds are of the processor, without imports and without drawing the model: what
-they need is imported by deciding a small model first, with functions of its own.
+they need is imported by deciding a small model first, with functions of its own. On a device of PyTorch (extra "gpu")
+they are by the clock, persid alone is run, without a limit of memory or time, and the host may use all its threads.
 
     OMP_NUM_THREADS=1 python benchmarks/speed.py [--sizes 5,10,20,50,100,200,400]
+    python benchmarks/speed.py --device cuda --kinds paper --sizes 400,1000,2000,4000
 """
 
 import argparse
 import json
 import resource
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,8 +33,9 @@ def drawn(kind: str, n: int) -> Any:
     return PersidskiiModel.from_dict(next(shared_families().draw(family, n, 1, 1))[2])
 
 
-def decided(kind: str, model: Any) -> tuple[Any, Any, int, int]:
+def decided(kind: str, model: Any, device: str = "cpu") -> tuple[Any, Any, int, int]:
     """Find the forms and decide by the search of persid; return the assembly, the solution, iterations and rounds."""
+    from persid.lyapunov.arrays import arrays_on
     from persid.lyapunov.inequality import assemble, corollary_1
     from persid.lyapunov.interior_point import solve
     from persid.lyapunov.search import search
@@ -41,7 +45,7 @@ def decided(kind: str, model: Any) -> tuple[Any, Any, int, int]:
     found = groups(model.channels)
     curves = {group.curve for group in found}
     pools = {c: np.eye(c.size) if kind == "paper" else np.array(pool(c)) for c in curves}
-    about = system(model, found, pools, shifted=False)
+    about = replace(system(model, found, pools, shifted=False), arrays=arrays_on(device))
     if kind == "paper":
         assembly = assemble(about, corollary_1(about))
         answer = solve(assembly.problem)
@@ -50,26 +54,25 @@ def decided(kind: str, model: Any) -> tuple[Any, Any, int, int]:
     return outcome.assembly, outcome.solution, outcome.steps, outcome.rounds
 
 
-def warm(kind: str) -> Any:
+def warm(kind: str, device: str = "cpu") -> Any:
     """Decide a small model with functions of its own, so that nothing is imported later and no form is known before."""
     from persid.models.model import PersidskiiModel
 
-    return decided(kind, PersidskiiModel([[-1.0]], [("arctan(x)", None, [[-1.0]]), ("x**5", None, [[-1.0]])], [[1.0]]))[
-        0
-    ]
+    terms = [("arctan(x)", None, [[-1.0]]), ("x**5", None, [[-1.0]])]
+    return decided(kind, PersidskiiModel([[-1.0]], terms, [[1.0]]), device)[0]
 
 
-def solved_here(kind: str, n: int) -> dict:
+def solved_here(kind: str, n: int, device: str = "cpu") -> dict:
     """Decide by persid; the seconds include finding the forms."""
     from persid.lyapunov.sectors import pool
 
-    model, seconds = drawn(kind, n), []
-    warm(kind)
+    model, seconds, clock = drawn(kind, n), [], time.process_time if device == "cpu" else time.perf_counter
+    warm(kind, device)
     while len(seconds) < ROUNDS and sum(seconds) < SHORT:
         pool.cache_clear()
-        started = time.process_time()
-        assembly, answer, iterations, rounds = decided(kind, model)
-        seconds.append(time.process_time() - started)
+        started = clock()
+        assembly, answer, iterations, rounds = decided(kind, model, device)
+        seconds.append(clock() - started)
     found = {"answer": answer.status.name.lower(), "iterations": iterations, "rounds": rounds}
     return found | {"seconds": min(seconds), "unknowns": len(assembly.problem.cost)}
 
@@ -90,8 +93,14 @@ def solved_by_library(kind: str, n: int, solver: str) -> dict:
 
 def one(kind: str, n: int, solver: str) -> None:
     """Run in the child process: print one JSON object."""
-    result = solved_here(kind, n) if solver == "persid" else solved_by_library(kind, n, solver)
+    name, _, device = solver.partition(" on ")
+    result = solved_here(kind, n, device or "cpu") if name == "persid" else solved_by_library(kind, n, solver)
     result["memory_GiB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    if device.startswith("cuda"):
+        import torch
+
+        result["device_GiB"] = torch.cuda.max_memory_allocated(device) / 2**30
+        result["device"] = torch.cuda.get_device_name(device)
     print(json.dumps(result))
 
 
@@ -101,15 +110,16 @@ def main() -> None:
     parser.add_argument("--sizes", default=",".join(map(str, SIZES)))
     parser.add_argument("--kinds", default="paper,forms")
     parser.add_argument("--solvers", default=",".join(SOLVERS))
+    parser.add_argument("--device", help="a device of PyTorch, such as cuda, for persid in place of all solvers")
     parser.add_argument("--one", nargs=3, metavar=("KIND", "N", "SOLVER"))
     options = parser.parse_args()
     if options.one:
         return one(options.one[0], int(options.one[1]), options.one[2])
     for kind in options.kinds.split(","):
-        for solver in options.solvers.split(","):
+        for solver in [f"persid on {options.device}"] if options.device else options.solvers.split(","):
             for n in map(int, options.sizes.split(",")):
                 case = {"kind": kind, "n": n, "solver": solver}
-                result = case | child("speed.py", "--one", kind, str(n), solver)
+                result = case | child("speed.py", "--one", kind, str(n), solver, limits=not options.device)
                 print(_line(result), flush=True)
                 _keep(result)
                 if result["answer"] == "time-out" or "emory" in result.get("why", ""):
@@ -120,7 +130,8 @@ def main() -> None:
 def _keep(result: dict) -> None:
     """Put a result into the file in place of an older one, so that the table may be made in parts."""
     runs = joined(kept("speed", "runs"), result, ("kind", "n", "solver"))
-    runs.sort(key=lambda each: (each["kind"], SOLVERS.index(each["solver"]), each["n"]))
+    places = {solver: place for place, solver in enumerate(SOLVERS)}
+    runs.sort(key=lambda each: (each["kind"], places.get(each["solver"], len(places)), each["n"]))
     keep("speed", bytes=MEMORY, seconds=SECONDS, runs=runs)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
+from persid.errors import ModelError
 from persid.lyapunov.arrays import HOST, Arrays, Standard, Torch, arrays_on
 from persid.lyapunov.interior_point import Solution, Status, solve
 from persid.lyapunov.pairs import combine, lengths, pairings, sandwich, schur
@@ -102,5 +103,5 @@ def test_devices_are_named() -> None:
     """The host is NumPy; other names are PyTorch's devices."""
     assert arrays_on("cpu") is HOST
     pytest.importorskip("torch", reason="PyTorch is not installed")
-    with pytest.raises(RuntimeError, match="nonsense"):
+    with pytest.raises(ModelError, match="no device 'nonsense' here"):
         arrays_on("nonsense")

@@ -46,14 +46,20 @@ if TYPE_CHECKING:
     show_default=True,
     help="One gain for all inputs together, or one for each input.",
 )
+@click.option(
+    "--device",
+    default="cpu",
+    show_default=True,
+    help='Where the matrix inequalities are solved: cpu, or a device of PyTorch such as cuda (extra "gpu").',
+)
 @click.option("--plants", type=NEW_FILE, help="Write the certificate of every plant within the residual margin, too.")
 @click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
 @batching
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    rate: float | None, gains: str, plants: Path | None, explain: bool, jobs: int, engine: str, scheduler: str | None,
-    as_json: bool, quiet: bool,
+    rate: float | None, gains: str, device: str, plants: Path | None, explain: bool, jobs: int, engine: str,
+    scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
@@ -73,7 +79,7 @@ def certify(
 
     talk = Talk(as_json, quiet)
     targets = _targets(models, output)
-    asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains}
+    asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains, "device": device}
     alone = read_model(models[0]) if len(models) == 1 else None
     beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
     for target in (*targets, *filter(None, beside)):

@@ -7,6 +7,7 @@ LAPACK is the default, PyTorch serves a GPU, and any other namespace of the stan
 
 import warnings
 from collections.abc import Callable
+from importlib import import_module
 from types import ModuleType
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,8 +17,10 @@ import scipy.linalg as sla
 from array_api_compat import array_namespace
 from scipy import sparse
 
-Array = Any  # of one namespace of the array API standard, in binary64: the standard has no class for it
+from persid._libraries import library
+from persid.errors import ModelError
 
+Array = Any  # of one namespace of the array API standard, in binary64: the standard has no class for it
 SparseMatrix = Any  # of SciPy
 
 HOST_BLOCK, DEVICE_BLOCK = 32, 1024  # rows of the Schur complement made at once: in the cache, or to keep a GPU busy
@@ -155,11 +158,12 @@ class Torch(Standard):
     """PyTorch arrays on a device, such as "cuda"."""
 
     def __init__(self, device: str) -> None:
-        import array_api_compat.torch as xp
-        import torch
-
-        super().__init__(xp, torch.device(device))
-        self.torch = torch
+        self.torch = library("torch", "gpu")
+        try:
+            self.torch.zeros(1, device=device)
+        except (RuntimeError, AssertionError) as error:  # PyTorch raises either
+            raise ModelError(f"no device {device!r} here: {str(error).splitlines()[0]}") from None
+        super().__init__(import_module("array_api_compat.torch"), self.torch.device(device))
 
     def get(self, a: Array) -> np.ndarray:
         return np.asarray(a.cpu().numpy())

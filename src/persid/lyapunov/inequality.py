@@ -11,7 +11,7 @@ Paper: thm:main_ISS and cor:extension_basis_function are the special cases with 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import NamedTuple
@@ -129,7 +129,8 @@ class Catalogue:
     def assembly(self, families: Sequence[Family]) -> Assembly:
         """Return the problem of some of the densities and of products, in families of the same forms."""
         terms = self.terms(families)
-        return Assembly(self.unknowns(families, terms), self._problem(terms))
+        problem = replace(self._problem(terms), arrays=self.system.arrays)  # prices are found on the host
+        return Assembly(self.unknowns(families, terms), problem)
 
     def terms(self, families: Sequence[Family], kept: Sequence[int] = ()) -> Terms:
         """Return the unknowns of a problem as pairs of the rows that they use, and of rows that are `kept` anyway."""

@@ -1,12 +1,13 @@
 """A model at its operating point: shifted groups and pools of forms with their constants."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.lyapunov.arrays import HOST, Arrays
 from persid.lyapunov.integrals import lower_constants, proves_lower, proves_upper, upper_constants
 from persid.lyapunov.multipliers import Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
@@ -38,11 +39,13 @@ class Setting:
     pools: dict[Curve, ndarray]
     upper: dict[Curve, ndarray]
     below: dict[Curve, ndarray]
+    arrays: Arrays = field(default=HOST, repr=False)  # where its inequalities are solved
 
     @classmethod
     def of(
-        cls, model: PersidskiiModel, point: OperatingPoint | None, box: Float[ndarray, "n 2"] | None = None
-    ) -> "Setting":
+        cls, model: PersidskiiModel, point: OperatingPoint | None, box: Float[ndarray, "n 2"] | None = None,
+        arrays: Arrays = HOST,
+    ) -> "Setting":  # fmt: skip
         """Look at a model about an equilibrium (None: about x_ref, functions not shifted), on a box or globally."""
         if point is not None and box is None and _is_reference(model, point):
             point = None
@@ -60,12 +63,13 @@ class Setting:
             upper[curve][simple] = upper_constants(curve, forms[simple])
             bounded = box is not None and not curve.fixed
             below[curve] = lower_constants(curve, forms) if bounded else np.zeros(len(forms))
-        return cls(model, point, box, found, pools, upper, below)
+        return cls(model, point, box, found, pools, upper, below, arrays)
 
     @property
     def system(self) -> System:
         """The system about the operating point."""
-        return system(self.model, self.found, self.pools, shifted=self.point is not None)
+        about = system(self.model, self.found, self.pools, shifted=self.point is not None)
+        return replace(about, arrays=self.arrays)
 
     @property
     def jacobian(self) -> Float[ndarray, "n n"]:

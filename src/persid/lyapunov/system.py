@@ -9,6 +9,7 @@ import scipy.linalg as sla
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
+from persid.lyapunov.arrays import HOST, Arrays
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.sectors import Curve, Group, sizes
 from persid.models.model import PersidskiiModel
@@ -29,6 +30,7 @@ class System:
     states: tuple[int, ...]
     channels: tuple[int, ...]
     discrete: bool = False
+    arrays: Arrays = field(default=HOST, repr=False)  # where its inequality is solved
 
     @property
     def n(self) -> int:

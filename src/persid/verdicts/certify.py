@@ -13,6 +13,7 @@ from persid.certificates.margin import Margin
 from persid.certificates.outputs import refuse_steep_maps
 from persid.certificates.witness import find_witness
 from persid.errors import ModelError
+from persid.lyapunov.arrays import HOST, Arrays, arrays_on
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
 from persid.lyapunov.shifted_model import Setting, undefined
@@ -41,6 +42,7 @@ def certify(
     rate: float | int | None = None,
     time_limit: float | int = 60.0,
     progress: Progress | None = None,
+    device: str = "cpu",
 ) -> Verdict:
     """Decide whether a model is input-to-state stable about its operating point.
 
@@ -61,13 +63,17 @@ def certify(
             one: the default. A weighted l1 norm has the rate that it has.
         time_limit: seconds after which the search stops with what it has; with 0 nothing is simulated either.
         progress: is called with a line of text at each step.
+        device: where the matrix inequalities are solved: "cpu", with NumPy and SciPy, or a device of PyTorch, such as
+            "cuda", for models of hundreds of states (extra "gpu"). What is proved does not depend on it.
 
     Returns:
         Certified with a certificate, or Refuted with a witness, that `persid_check` has accepted; else Undecided. After
         Ctrl-C the best that was reached: a certificate without a rate, or Undecided.
 
     Raises:
-        ModelError: an argument does not fit the model, or an output map has no Lipschitz constant.
+        ModelError: an argument does not fit the model, an output map has no Lipschitz constant, or there is no such
+            device here.
+        ImportError: a device that needs PyTorch, where it is not installed.
 
     Examples:
         >>> model = ps.PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])], B=[[1.0]])
@@ -85,6 +91,7 @@ def certify(
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
+    arrays = arrays_on(device)
     log = Log(float(time_limit), progress or (lambda line: None))
     near, box = _near(dynamics, operating_point), _box(dynamics, domain)
     u = dynamics.u_ref if u_op is None else vector("u_op", u_op, dynamics.m)
@@ -93,7 +100,7 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            return _decide(_Asked(dynamics, near, u, box, gains == "each", rate, outputs), log)
+            return _decide(_Asked(dynamics, near, u, box, gains == "each", rate, outputs, arrays), log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
@@ -115,6 +122,7 @@ class _Asked:
     each: bool
     rate: float | int | None
     outputs: OutputModel | None = None
+    arrays: Arrays = HOST
 
 
 def _decide(asked: _Asked, log: Log) -> Verdict:
@@ -191,7 +199,7 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
         return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
     if log.left() <= 0:
         return stopped(Status.TIME)
-    setting, failure = Setting.of(asked.model, points[0]), stopped(Status.TIME)
+    setting, failure = Setting.of(asked.model, points[0], arrays=asked.arrays), stopped(Status.TIME)
     for kind in _kinds(asked.model):
         with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
             answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log, asked.outputs)
@@ -276,7 +284,7 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
             return first or Failure(Reason.OUTSIDE, words.UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
         if log.left() <= 0:
             return first or stopped(Status.TIME)
-        setting = Setting.of(asked.model, point, box)
+        setting = Setting.of(asked.model, point, box, asked.arrays)
         for kind in _kinds(asked.model):
             with log.attempt(f"region in the box, {kind} P") as outcome:
                 find = partial(rate_and_gain, full_P=kind == "full", rate=asked.rate, each=asked.each, log=log)
