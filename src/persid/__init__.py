@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel as PersidskiiModel
     from persid.models.outputs import OutputModel as OutputModel
     from persid.networks.certificate import NetworkCertificate as NetworkCertificate
+    from persid.plants.margin import PlantMargin as PlantMargin
+    from persid.plants.margin import plant_margin as plant_margin
     from persid.verdicts.batches import Failed as Failed
     from persid.verdicts.batches import certify_many as certify_many
     from persid.verdicts.certify import certify as certify
@@ -74,6 +76,7 @@ _HOMES = {
     "persid.models.model": ("PersidskiiModel",),
     "persid.models.outputs": ("OutputModel",),
     "persid.networks.certificate": ("NetworkCertificate",),
+    "persid.plants.margin": ("PlantMargin", "plant_margin"),
     "persid.certificates.obstruction": ("Obstruction",),
     "persid.measurements.readers": ("read_csv", "read_measurements", "read_parquet"),
     "persid.measurements.recordings": ("Recordings",),
@@ -107,6 +110,7 @@ __all__ = [
     "PersidError",
     "PersidskiiIdentifier",
     "PersidskiiModel",
+    "PlantMargin",
     "Recordings",
     "Refuted",
     "Rejected",
@@ -128,6 +132,7 @@ __all__ = [
     "load_certificate",
     "load_model",
     "open_recordings",
+    "plant_margin",
     "plots",
     "read_csv",
     "read_measurements",

@@ -176,7 +176,7 @@ class Certificate:
 
         In state units, rounded up; 0 for a model, or where they have no constant parts. None for claim "iss".
         """
-        return bounds.above(bounds.remaining(self.stated)) if self.stated.has_rate else None
+        return abs(bounds.above(bounds.remaining(self.stated))) if self.stated.has_rate else None
 
     def overshoot(self, x0: Any) -> float:
         """Return sqrt(V(x0)/p), rounded up: without input and `spread` |x(t) - x*| never exceeds it.

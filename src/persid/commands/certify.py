@@ -53,13 +53,27 @@ if TYPE_CHECKING:
     help='Where the matrix inequalities are solved: cpu, or a device of PyTorch such as cuda (extra "gpu").',
 )
 @click.option("--plants", type=NEW_FILE, help="Write the certificate of every plant within the residual margin, too.")
+@click.option(
+    "--plant",
+    type=FILE,
+    multiple=True,
+    metavar="DATA",
+    help="Measurements of the model's states and inputs: say how far from the model the plant may be.",
+)
+@click.option(
+    "--hold",
+    type=click.Choice(["zoh", "paper"]),
+    default="zoh",
+    show_default=True,
+    help="With --plant: whether inputs are held from sample to sample or vary.",
+)
 @click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
 @batching
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    rate: float | None, gains: str, device: str, plants: Path | None, explain: bool, jobs: int, engine: str,
-    scheduler: str | None, as_json: bool, quiet: bool,
+    rate: float | None, gains: str, device: str, plants: Path | None, plant: tuple[Path, ...], hold: str,
+    explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
@@ -79,6 +93,8 @@ def certify(
 
     talk = Talk(as_json, quiet)
     targets = _targets(models, output)
+    if plant and len(models) > 1:
+        raise click.UsageError("--plant goes with one model")
     asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains, "device": device}
     alone = read_model(models[0]) if len(models) == 1 else None
     beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
@@ -93,6 +109,9 @@ def certify(
     found, rows, codes = [], [], []
     for path, verdict, target, second in zip(models, verdicts, targets, beside, strict=True):
         facts, lines, code = _told(path, verdict, target, explain, rate)
+        if plant:
+            facts["plant"], more = _plant(verdict, alone, plant, hold)
+            lines += more
         if second is not None:
             facts["plants"] = _write_plants(verdict, second)
             lines.append(("plants file", facts["plants"] or "none written"))
@@ -187,6 +206,19 @@ def _write_proof(verdict: "Verdict", model: "PersidskiiModel | OutputModel", tar
     if target.is_file() and model.sha256 not in target.read_text(encoding="utf-8", errors="replace"):
         target.unlink()
     return None
+
+
+def _plant(verdict: Any, model: Any, files: tuple[Path, ...], hold: str) -> tuple[Any, list[tuple[str, str]]]:
+    """Return what measurements say of the plant, for programs and for people; nothing of a model without a margin."""
+    from persid.measurements.opening import files_of
+    from persid.measurements.readers import read_measurements
+    from persid.plants.margin import Reading, margin_of
+
+    if getattr(verdict, "margin", None) is None:
+        return None, [("of the plant", "nothing: the model has no residual margin")]
+    data = read_measurements(files_of(list(files)), states=list(model.states), inputs=list(model.inputs))
+    found = margin_of(verdict, data, Reading(hold))
+    return found.to_dict(), [("of the plant", str(found))]
 
 
 def _write_plants(verdict: Any, target: Path) -> str | None:

@@ -1,0 +1,98 @@
+"""Coverage of what measurements are said to tell of a plant: nominal against measured, and how often each alarm rings.
+
+python benchmarks/plants.py [--runs N] [-o benchmarks/results/plants.json]
+
+Two states with tanh, driven by a held white input, sampled at .05 s; a run is 2000 samples. A run is
+covered where the true g = x' - F(x, u) lies within the band at all of 500 places in the range of the data.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import persid as ps
+from persid.measurements.trajectories import Trajectories
+from persid.plants.alarms import Evidence, alarms
+from persid.plants.estimates import Dictionary, estimate, windows_of
+
+A0, T, B = np.array([[-1.0, 0.5], [-0.5, -1.0]]), np.array([[-0.5, 0.0], [0.0, -0.5]]), np.array([1.0, 0.5])
+SAMPLES, DT, SUBSTEPS, PLACES = 2000, 0.05, 10, 500
+KINDS = ("over-identification", "residual correlation", "hold", "quadrature")
+CASES = {
+    "quiet: measurement noise .02": {"noise": 0.02},
+    "process noise .3": {"process": 0.3},
+    "process noise .3, without instruments": {"process": 0.3, "instruments": False},
+    "process noise .2, measurement noise .02": {"process": 0.2, "noise": 0.02},
+    "an input that varies between samples, taken as held": {"noise": 0.002, "varies": True},
+    "a cubic force that the functions do not have": {"noise": 0.002, "cubic": 0.4},
+    "a slow force that nobody measured": {"noise": 0.002, "force": 0.5},
+}
+
+
+def plant(x: np.ndarray, u: np.ndarray, cubic: float = 0.0) -> np.ndarray:
+    """x' at states (N, 2) and inputs (N, 1)."""
+    return x @ A0.T + np.tanh(x) @ T.T + u * B - cubic * x**3
+
+
+def measured(
+    runs: int, *, process: float = 0.0, noise: float = 0.0, varies: bool = False, cubic: float = 0.0, force: float = 0.0
+) -> list[Trajectories]:
+    """Runs of the plant (Euler and Maruyama in short steps), with noise on what is measured; all from seed 0."""
+    rng = np.random.default_rng(0)
+    levels = rng.normal(0, 1.5, (runs, SAMPLES // 10 + 2))
+    h, x, slow = DT / SUBSTEPS, np.zeros((runs, 2)), np.zeros((runs, 1))
+    states, inputs = np.zeros((SAMPLES, runs, 2)), np.zeros((SAMPLES, runs, 1))
+    for k in range(SAMPLES):
+        last, share = divmod(k, 10)
+        start, slope = levels[:, last : last + 1], levels[:, last + 1 : last + 2] - levels[:, last : last + 1]
+        u = start + slope * share / 10 if varies else start
+        states[k], inputs[k] = x, u
+        for s in range(SUBSTEPS):
+            now = u + (slope * s / SUBSTEPS / 10 if varies else 0.0)
+            slow = slow - h * slow + np.sqrt(2 * h) * rng.normal(size=(runs, 1))
+            x = x + h * (plant(x, now, cubic) + force * slow) + process * np.sqrt(h) * rng.normal(size=(runs, 2))
+    states += noise * rng.normal(size=states.shape)
+    return [Trajectories.from_arrays(states[:, r], inputs[:, r], dt=DT) for r in range(runs)]
+
+
+def answers(
+    runs: int, confidences: Sequence[float], *, instruments: bool = True, **how: float
+) -> tuple[list[float], dict[str, float]]:
+    """The share of runs whose band holds the truth, for each confidence, and the share in which each alarm rings."""
+    window = 8 if how.get("noise", 0.0) > 0.01 else 2
+    phi = Dictionary(ps.PersidskiiModel(A0, [("tanh(x)", None, T)], B[:, None]))
+    rng, held, rung = np.random.default_rng(1), np.zeros(len(confidences)), dict.fromkeys(KINDS, 0.0)
+    for data in measured(runs, **how):
+        windows = windows_of(data, phi, window, "zoh", instruments)
+        found = estimate(windows, np.ones((phi.size, 2), bool))
+        x, u = data[0].x, data[0].u
+        x = rng.uniform(x.min(axis=0), x.max(axis=0), (PLACES, 2))
+        u = rng.uniform(u.min(), u.max(), (PLACES, 1))
+        columns = phi.columns(x, u)
+        error = np.abs(plant(x, u, how.get("cubic", 0.0)) - columns @ found.theta)
+        held += [(error <= found.band(columns, confidence)).all() for confidence in confidences]
+        for alarm in alarms(Evidence(data, phi, windows, found, "zoh", instruments, max(confidences))):
+            rung[alarm.kind] += 1
+    return (held / runs).tolist(), {kind: count / runs for kind, count in rung.items()}
+
+
+def main() -> None:
+    """Print and record a row a case."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parent / "results" / "plants.json")
+    given = parser.parse_args()
+    rows = []
+    for name, how in CASES.items():
+        (usual, high), rung = answers(given.runs, (0.95, 0.99), **how)
+        rows.append({"case": name, "runs": given.runs, "coverage": {"0.95": usual, "0.99": high}, "alarms": rung})
+        listed = ", ".join(f"{kind} {share:.2f}" for kind, share in rung.items())
+        print(f"{name:<55} nominal .95: {usual:.2f}, .99: {high:.2f}; {listed}", flush=True)
+    given.output.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""Bounded noise: what coefficients the measurements allow, by linear programmes, without any statistics.
+
+A measured state is off by at most v_i. Then a window's move is off by at most 2 v_i, and its integral of F by at most
+the integral of |J| v, to first order: |y_ik - theta_i'X_k| <= e_ik. At a point phi the value theta_i'phi lies between
+the smallest and the largest one that these inequalities allow: two linear programmes a point and equation.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from scipy.optimize import linprog
+
+from persid.errors import DataError
+from persid.models.model import PersidskiiModel
+from persid.plants.estimates import Windows
+
+POINTS = 60  # at which the programmes are solved
+ROWS = 600  # windows that enter them
+
+
+def bounded_band(
+    windows: Windows,
+    used: Bool[ndarray, "p n"],
+    bound: Float[ndarray, " n"],
+    model: PersidskiiModel,
+    x: Float[ndarray, "N n"],
+    u: Float[ndarray, "N m"],
+    phi: Float[ndarray, "N p"],
+) -> Float[ndarray, "N n"]:
+    """Return how far theta'phi can be from the model at some of the points, 0 at the others.
+
+    Raises:
+        DataError: no coefficients are within the bounds: the noise is larger, or functions are missing.
+    """  # fmt: skip
+    chosen = np.unique(np.linspace(0, len(windows.y) - 1, ROWS).astype(int))
+    X, y = windows.X[chosen], windows.y[chosen]
+    slopes = np.abs([model.jacobian(point) for point in x[:: max(1, len(x) // 200)]]).max(axis=0)
+    error = 2 * bound + X[:, -1:] * (slopes @ bound)
+    away = np.zeros((len(x), model.n))
+    at = np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))
+    F = model.rhs(x, u)
+    for i in np.flatnonzero(used.any(axis=0)):
+        own = used[:, i]
+        scale = np.maximum(np.abs(X[:, own]).max(axis=0), 1e-300)
+        A = np.vstack([X[:, own], -X[:, own]]) / scale
+        b = np.concatenate([y[:, i] + error[:, i], error[:, i] - y[:, i]])
+        for k in at:
+            ends = [_least(sign * phi[k, own] / scale, A, b, model.states[i]) for sign in (1.0, -1.0)]
+            away[k, i] = max(F[k, i] - ends[0], -ends[1] - F[k, i])
+    return away
+
+
+def _least(c: Float[ndarray, " q"], A: Float[ndarray, "r q"], b: Float[ndarray, " r"], name: str) -> float:
+    found = linprog(c, A_ub=A, b_ub=b, bounds=(None, None), method="highs")
+    if found.status == 3:  # unbounded: the data say nothing in this direction
+        return -np.inf
+    if found.fun is None:
+        raise DataError(
+            f"no coefficients of {name} explain the data within such noise: raise bound=, or give other functions"
+        )
+    return float(found.fun)

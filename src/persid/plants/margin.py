@@ -1,0 +1,205 @@
+"""From measurements to a statement about the plant: a certificate, and an estimate that the plant is what it speaks of.
+
+Proved is a sentence about every plant with |g / width|^2 <= delta^2 |(x - x*) / width|^2 + epsilon^2. What the data say
+of g = x' - F(x, u) is a band in the space of functions (`estimates`): at every (x, u) between the samples
+
+    |g_i| <= |(theta_i'phi - F_i)(x, u)| + sqrt(quantile phi' Cov_i phi),
+
+so epsilon^2 is the largest of band^2 - delta^2 |(x - x*) / width|^2 that is found there. It is an estimate, printed as
+one: measured coverage of bands of nominal 99 % is about 95 % where the assumptions hold, so that is what is taken.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
+from persid.errors import DataError, PersidError, RejectedError
+from persid.identification.windows import choose_window
+from persid.measurements.trajectories import Trajectories
+from persid.models.model import PersidskiiModel
+from persid.plants.alarms import Alarm, Evidence, alarms
+from persid.plants.bounded import bounded_band
+from persid.plants.estimates import Dictionary, estimate, windows_of
+from persid.verdicts.verdict import Certified, Verdict
+
+OPTIMISM = 5.0  # bands of confidence 1 - a cover with probability 1 - OPTIMISM a, as measured: .99 for about .95
+POINTS = 2048  # between two samples, and as many samples, at which the band is looked at
+NOISES = ("random", "bounded")
+
+
+@dataclass(frozen=True, eq=False)
+class PlantMargin:
+    """What may be said of the plant: the certificate for (delta, epsilon), and how sure the data are that it applies.
+
+    `delta` and `epsilon` (1/s) are in half widths of the data. `spread` (state units) is the distance from x* at which
+    the state stays in the long run without input, proved for every plant within them. At a `share` of the places
+    between the samples epsilon would not be needed; `alarms` are signs that what the estimate assumes does not hold.
+    `certificate` is None where so large an epsilon leaves nothing to prove.
+    """
+
+    delta: float
+    epsilon: float
+    confidence: float
+    certificate: Certificate | None
+    blocks: int
+    share: float
+    alarms: tuple[Alarm, ...]
+    noise: str
+
+    @property
+    def spread(self) -> float | None:
+        """The distance from x* at which plants may stay without input, in state units, rounded up."""
+        return None if self.certificate is None else self.certificate.spread
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object that `--json` prints."""
+        doubts = [{"kind": alarm.kind, "text": alarm.text} for alarm in self.alarms]
+        numbers = {"delta": self.delta, "epsilon": self.epsilon, "confidence": self.confidence, "spread": self.spread}
+        return numbers | {"blocks": self.blocks, "share": self.share, "noise": self.noise, "alarms": doubts}
+
+    def __str__(self) -> str:
+        g = f"|g / width|^2 <= ({self.delta:.4g} |(x - x*) / width|)^2 + {self.epsilon:.4g}^2 (1/s)"
+        about = {
+            "random": f"at about {100 * self.confidence:.0f} % it obeys the bound between the measured samples, and of "
+            "what is outside they say nothing",
+            "bounded": "with noise within the given bounds it obeys the bound between the measured samples, of which "
+            "some were looked at",
+        }[self.noise]
+        proved = f"No plant x' = F(x, u) + g with {g} is certified: the constant part is too large."
+        if self.certificate is not None:
+            stays = (
+                ""
+                if self.spread is None
+                else f" and stays in the long run within {self.spread:.4g} of x* without input"
+            )
+            proved = f"Every plant x' = F(x, u) + g with {g} is certified{stays}."
+        doubts = "".join(f" But {alarm.text}." for alarm in self.alarms)
+        return (
+            f"{proved} That your plant is one of them is not proved; what the data say is an estimate: {about}.{doubts}"
+        )
+
+
+def plant_margin(
+    fit: Any,
+    verdict: Verdict,
+    data: Any,
+    *,
+    confidence: float = 0.95,
+    instruments: bool = True,
+    noise: str = "random",
+    bound: Any = None,
+) -> PlantMargin:
+    """Return what measurements say of the distance between the plant and a certified model, and what is proved of it.
+
+    Args:
+        fit: the PersidskiiIdentifier or CertifiedIdentifier that made the model: it knows the window and the hold.
+        verdict: Certified, with a residual margin.
+        data: the measurements, as for `fit`.
+        confidence: what the estimate shall be right with, approximately, where its assumptions hold: the plant's x' is
+            in the span of the model's functions, noise has no memory, inputs are as `hold` says, samples are close.
+        instruments: whether columns of earlier windows take the place of those of the window itself: without them noise
+            that acts on the plant biases every coefficient, the more surely the longer the record.
+        noise: "random", or "bounded": measurement noise of at most `bound` (n,) in state units, no statistics.
+
+    Raises:
+        PersidError: there is no residual margin to compare with.
+        DataError: an argument does not fit, or the data are not those of the fit.
+        UnderdeterminedError: the data are too few.
+
+    Examples:
+        >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> fit = ps.PersidskiiIdentifier(["x"], ridge=1e-4).fit(data)
+        >>> found = ps.plant_margin(fit, ps.certify(fit.model_), data)
+        >>> found.epsilon > 0
+        True
+    """
+    free = getattr(fit, "free_", fit)
+    asked = Reading(free.hold, free.window_, confidence, instruments, noise, bound)
+    return margin_of(verdict, free._known(data), asked)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How measurements are to be read: see `plant_margin`; window None: as the data suggest."""
+
+    hold: str = "zoh"
+    window: int | None = None
+    confidence: float = 0.95
+    instruments: bool = True
+    noise: str = "random"
+    bound: Any = None
+
+    def __post_init__(self) -> None:
+        if self.noise not in NOISES or not 0 < self.confidence < 1:
+            raise DataError(
+                f'noise is "random" or "bounded", 0 < confidence < 1; given {self.noise!r}, {self.confidence}'
+            )
+
+
+def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMargin:
+    """Return what measurements of the states and inputs of a certified model say; see `plant_margin`."""
+    margin = _margin(verdict)
+    model, random = margin.certificate.model, asked.noise == "random"
+    phi, window = Dictionary(model), asked.window or choose_window(data)
+    windows = windows_of(data, phi, window, asked.hold, asked.instruments and random)
+    used = np.ones((phi.size, model.n), bool)
+    used[:, [name in margin.known for name in model.states]] = False
+    found = estimate(windows, used)
+    nominal = 1 - (1 - asked.confidence) / OPTIMISM
+    x, u = _places(data)
+    columns = phi.columns(x, u)
+    if random:
+        away = np.abs(columns @ found.theta - model.rhs(x, u)) + found.band(columns, nominal)
+    else:
+        away = bounded_band(windows, used, _bound(asked.bound, model), model, x, u, columns)
+    size = np.linalg.norm((away / margin.width)[:, used.any(axis=0)], axis=1)
+    distance = np.linalg.norm((x - margin.certificate.operating_point) / margin.width, axis=1)
+    beyond = size**2 - (margin.delta * distance) ** 2
+    epsilon = float(np.sqrt(max(0.0, float(beyond.max()))))
+    doubts = alarms(Evidence(data, phi, windows, found, asked.hold, asked.instruments, nominal)) if random else ()
+    return PlantMargin(
+        margin.delta, epsilon, asked.confidence, _with_constant(margin, epsilon), found.blocks,
+        float((beyond <= 0).mean()), tuple(doubts), asked.noise,
+    )  # fmt: skip
+
+
+def _margin(verdict: Verdict) -> Margin:
+    if not isinstance(verdict, Certified) or verdict.margin is None:
+        raise PersidError(
+            "a certified model with a residual margin is needed (verdict.margin); this verdict has none: see attempts"
+        )
+    return verdict.margin
+
+
+def _with_constant(margin: Margin, epsilon: float) -> Certificate | None:
+    try:
+        return margin.with_constant(epsilon).certificate
+    except RejectedError:
+        return None
+
+
+def _bound(bound: Any, model: PersidskiiModel) -> Float[ndarray, " n"]:
+    try:
+        sizes = np.broadcast_to(np.asarray(bound, float), (model.n,)).copy()
+    except (TypeError, ValueError):
+        sizes = np.full(model.n, np.nan)
+    if not (np.isfinite(sizes).all() and (sizes >= 0).all()):
+        raise DataError(
+            f'noise="bounded" needs bound=, one size of the noise or {model.n}, in state units; given {bound}'
+        )
+    return sizes
+
+
+def _places(data: Trajectories) -> tuple[Float[ndarray, "N n"], Float[ndarray, "N m"]]:
+    """Return samples, and points between two samples of states and inputs each: the hull of what was measured."""
+    both = np.vstack([np.hstack([run.x, run.u]) for run in data])
+    rng, n = np.random.default_rng(0), len(data.states)
+    first, second = both[rng.integers(len(both), size=POINTS)], both[rng.integers(len(both), size=POINTS)]
+    share = rng.uniform(size=(POINTS, 1))
+    found = np.vstack([both[:: max(1, len(both) // POINTS)], first + share * (second - first)])
+    return found[:, :n], found[:, n:]

@@ -1,0 +1,81 @@
+"""From measurements to a sentence about the plant: what is proved, what is estimated, what is refused."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.errors import DataError, PersidError
+from persid.plants.margin import Reading, margin_of
+
+PLANT = ps.PersidskiiModel([[-1.0, 0.3], [-0.3, -1.0]], B=[[1.0], [0.5]])
+PUSHED = ps.PersidskiiModel([[-1.0, 0.3], [-0.3, -1.0]], B=[[1.0], [0.5]], b=[0.5, 0.0], domain=[[-3.0, 3.0]] * 2)
+
+
+@cache
+def _data() -> ps.Trajectories:
+    rng = np.random.default_rng(3)
+    t = 0.05 * np.arange(1200)
+    clean = PLANT.simulate([1.0, -1.0], t, np.repeat(rng.normal(0, 2, (60, 1)), 20, axis=0))[0]
+    return ps.Trajectories.from_arrays(clean.x + 1e-3 * rng.normal(size=clean.x.shape), clean.u, t=t)
+
+
+@cache
+def _fit() -> ps.PersidskiiIdentifier:
+    return ps.PersidskiiIdentifier(["x"], ridge=0.0).fit(_data())
+
+
+@cache
+def _verdict() -> ps.Certified:
+    verdict = ps.certify(_fit().model_)
+    assert isinstance(verdict, ps.Certified)
+    return verdict
+
+
+def test_the_plant_behind_the_data_is_one_of_those_certified() -> None:
+    """The known plant obeys the estimated bound between the samples, and the certificate of that bound is accepted."""
+    found = ps.plant_margin(_fit(), _verdict(), _data())
+    margin, x, u = _verdict().margin, _data()[0].x, _data()[0].u
+    g = np.linalg.norm((PLANT.rhs(x, u) - _fit().model_.rhs(x, u)) / margin.width, axis=1)
+    away = np.linalg.norm((x - margin.certificate.operating_point) / margin.width, axis=1)
+    assert (g**2 <= (found.delta * away) ** 2 + found.epsilon**2).all()
+    assert found.epsilon < 0.2
+    assert isinstance(ps.check(found.certificate, _fit().model_), ps.Accepted)
+    assert found.certificate.spread == found.spread
+    assert "is an estimate" in str(found)
+    assert "is not proved" in str(found)
+
+
+def test_what_the_data_contradict_needs_a_larger_constant_part() -> None:
+    """Of a model with a push of its own the data ask for an epsilon about as large, and the state may stay away."""
+    other = ps.certify(PUSHED)
+    mine = ps.plant_margin(_fit(), _verdict(), _data())
+    theirs = margin_of(other, _data(), Reading())
+    assert theirs.share < 1
+    assert 0.5 / 3 * 0.5 < theirs.epsilon < 0.5
+    assert mine.epsilon < theirs.epsilon
+    assert theirs.certificate.spread == theirs.spread > 0
+
+
+def test_bounded_noise_needs_no_statistics() -> None:
+    """With bounded noise the known plant obeys what the linear programmes leave, which shrinks with the bound."""
+    wide, narrow = (
+        ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=bound) for bound in (0.02, 0.005)
+    )
+    assert 0 <= narrow.epsilon < wide.epsilon
+    assert "noise within the given bounds" in str(wide)
+    assert wide.alarms == ()
+    with pytest.raises(DataError, match="raise bound="):
+        ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=1e-6)
+
+
+def test_wrong_use_is_refused() -> None:
+    """A verdict without margin, an unknown noise, and a bound that is none are named."""
+    undecided = ps.certify(_fit().model_, time_limit=0)
+    with pytest.raises(PersidError, match="residual margin"):
+        ps.plant_margin(_fit(), undecided, _data())
+    with pytest.raises(DataError, match='"random" or "bounded"'):
+        ps.plant_margin(_fit(), _verdict(), _data(), noise="pink")
+    with pytest.raises(DataError, match="bound="):
+        ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded")
