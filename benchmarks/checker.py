@@ -93,7 +93,7 @@ def _best_tau(model: dict[str, Any]) -> float:
 def proofs() -> None:
     """Print the processor time of a proof that a form is a sector form, and that it is nondecreasing."""
     from persid.lyapunov.sectors import Curve, nondecreasing_pool, pool
-    from persid_check.prover import prove_nondecreasing, prove_sector_form
+    from persid_check.search.prover import prove_nondecreasing, prove_sector_form
 
     print(f"\n{'curve':28s} {'about':>6s} {'sector form':>12s} {'proved':>8s} {'nondecreasing':>14s} {'proved':>8s}")
     for functions in (("x**3", "tanh(x)"), FUNCTIONS, ("x**3", "x*abs(x)", "arctan(x)")):

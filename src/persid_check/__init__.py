@@ -1,8 +1,8 @@
 """An independent checker for persid's certificates: exact arithmetic, from the file alone."""
 
 from persid_check.check import check
+from persid_check.definite import is_positive_definite
 from persid_check.equilibrium import prove_equilibrium
-from persid_check.exact import is_positive_definite
 from persid_check.model import Group, canonical_model, groups, model_sha256
 from persid_check.results import Accepted, FormatError, Malformed, Rejected
 

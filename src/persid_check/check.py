@@ -1,29 +1,19 @@
 """One file, one answer: read strictly, prove every hypothesis, state what was proved."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from flint import ctx
 
-from persid_check import json_text
-from persid_check.claims import prove_stability
+from persid_check import json_text, ledger
 from persid_check.enclosure import PRECISION
-from persid_check.format import Claimed, Infeasibility, Stability, read_certificate
-from persid_check.infeasibility import prove_infeasibility
+from persid_check.identity import Meant, meant
 from persid_check.ledger.check import check_ledger
-from persid_check.ledger.file import FORMAT as LEDGER
-from persid_check.model import model_sha256, sha256_of
-from persid_check.network import prove_network, prove_no_weights, read_network
-from persid_check.network_claims import NetworkClaim, NetworkObstruction
-from persid_check.outputs import FORMAT as OUTPUT_FORMAT
-from persid_check.outputs import NOTHING, Conclusions, detached, output_sha256, read_conclusions
-from persid_check.refutation import prove_refutation
 from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
-from persid_check.work import allowance, limited
 
 Source = bytes | str | Path
-Networked = NetworkClaim | NetworkObstruction
 
 
 def check(source: Source, model: Source | None = None, explain: bool = True, *, arrays: bytes | None = None) -> Result:
@@ -43,17 +33,9 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
     other = None if model is None else _bytes(model)
     try:
         with ctx.workprec(PRECISION):
-            content = json_text.read(data, floats=False)
-            if isinstance(content, dict) and content.get("format") == LEDGER:
-                wanted = None if other is None else model_sha256(json_text.read(other, floats=True), _folder(model))
-                answer = check_ledger(content, len(data), wanted)
-                return answer if explain else replace(answer, steps=())
-            plain, optional = detached(content)
-            claim = _read(plain, _folder(source), arrays)
-            more = NOTHING if isinstance(claim, Networked) else read_conclusions(optional, claim.subject)
-            _same_model(claim, more, None if other is None else json_text.read(other, floats=True), _folder(model))
-            with limited(_allowance(claim, len(data))):
-                answer = _prove(claim, more)
+            content = json_text.read(data, floats=False, longest=_longest(data))
+            wanted = None if other is None else meant(json_text.read(other, floats=True), _folder(model))
+            answer = _proved(content, len(data), wanted, _folder(source), arrays)
     except FormatError as error:
         return Malformed(error.where, error.why)
     except NotProvedError as error:
@@ -74,38 +56,30 @@ def _folder(source: Source | None) -> Path | None:
     return None if source is None or isinstance(source, bytes) else Path(source).parent
 
 
-def _read(data: Any, folder: Path | None, arrays: bytes | None) -> Claimed | Networked:
-    is_network = isinstance(data, dict) and data.get("claim") in ("L1", "L1-infeasible")
-    return read_network(data, folder, arrays) if is_network else read_certificate(data)
+def _longest(data: bytes) -> int:
+    """The bytes that a file of its format may have, as far as its beginning tells."""
+    return ledger.MAX_BYTES if f'"{ledger.FORMAT}"'.encode() in data[:HEAD] else json_text.MAX_BYTES
 
 
-def _same_model(claim: Claimed | Networked, more: Conclusions, other: Any, folder: Path | None) -> None:
-    if sha256_of(claim.subject.form) != claim.subject.sha256:
-        raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
-    if other is None:
-        return
-    has_outputs = isinstance(other, dict) and other.get("format") == OUTPUT_FORMAT
-    if has_outputs:
-        found = output_sha256(other, folder)
-        if more.outputs is not None and found != more.outputs.sha256:
-            raise NotProvedError("model", "the certificate speaks of other outputs, or of another model")
-    if model_sha256(other["dynamics"] if has_outputs else other, folder) != claim.subject.sha256:
-        raise NotProvedError("model", "the certificate speaks of another model")
+HEAD = 200  # bytes in which a file of format 2 names its format, if its length is to be refused before it is parsed
 
 
-def _allowance(claim: Claimed | Networked, size: int) -> int:
-    return allowance(len(claim.kinds if isinstance(claim, Networked) else claim.subject.groups), size)
+def _proved(content: Any, size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None) -> Accepted:
+    """Each kind of file by its own road. The ledger needs no other room, so none is read before it is asked for."""
+    stated: Mapping[str, Any] = content if isinstance(content, dict) else {}
+    claim = stated.get("claim")
+    if stated.get("format") == ledger.FORMAT:
+        return check_ledger(stated, size, wanted)
+    if claim in ("L1", "L1-infeasible"):
+        from persid_check.networks.check import check_network
 
+        return check_network(stated, size, wanted, folder, arrays)
+    if claim in ("infeasible", "refuted"):
+        from persid_check.refutations.check import check_refutation
 
-def _prove(claim: Claimed | Networked, more: Conclusions) -> Accepted:
-    if isinstance(claim, Stability):
-        return prove_stability(claim, more)
-    if isinstance(claim, NetworkObstruction):
-        statement, steps = prove_no_weights(claim)
-    elif isinstance(claim, NetworkClaim):
-        statement, steps = prove_network(claim)
-    elif isinstance(claim, Infeasibility):
-        statement, steps = prove_infeasibility(claim)
-    else:
-        statement, steps = prove_refutation(claim)
-    return Accepted(claim.subject.claim, statement, steps)
+        return check_refutation(stated, size, wanted)
+    if claim in ("G", "M", "E", "R"):
+        from persid_check.version_1.check import check_version_1
+
+        return check_version_1(stated, size, wanted)
+    raise FormatError("format", f"{ledger.FORMAT}, or a known claim of an earlier format, is needed")

@@ -1,8 +1,4 @@
-"""Exact matrices of dyadic numbers, and the exact test of positive definiteness.
-
-To prove M > 0, take any square T (untrusted; rows of integers). If C = T M T' is strictly diagonally dominant with a
-positive diagonal after a symmetric scaling, then C > 0, so T is nonsingular and M = T^-1 C T^-T > 0.
-"""
+"""Exact matrices of dyadic numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -99,37 +95,6 @@ def diagonal(values: Sequence[Number]) -> Matrix:
     return matrix([[values[i] if i == j else 0 for j in range(size)] for i in range(size)], size)
 
 
-def is_positive_definite(M: "Matrix | Sequence[Sequence[Number]]", T: Sequence[Sequence[int]]) -> bool:
-    """Prove M > 0 exactly with an untrusted lower triangular integer T, whose row i has i + 1 entries."""
-    M = M if isinstance(M, Matrix) else matrix(M, len(M))
-    size = M.height
-    if M.width != size or len(T) != size or any(len(row) != i + 1 for i, row in enumerate(T)):
-        return False
-    if M.entries != M.entries.transpose():
-        return False
-    if size == 0:
-        return True
-    if size**3 * _bits(M.entries) > MAX_WORK:
-        raise NotProvedError("numbers", "a matrix product is too large: fewer bits or fewer entries are needed")
-    factor = fmpz_mat(size, size, [v for i, row in enumerate(T) for v in (*row, *(0,) * (size - 1 - i))])
-    return _is_dominant(factor * M.entries * factor.transpose())
-
-
 def _bits(entries: fmpz_mat) -> int:
     values = entries.entries()
     return int(max(max(values), -min(values))).bit_length()
-
-
-def _is_dominant(C: fmpz_mat) -> bool:
-    """Whether D C D is strictly diagonally dominant, diagonal positive, D the powers of two that bring C_ii near 1."""
-    rows = C.table()
-    size = len(rows)
-    heads = [rows[i][i] for i in range(size)]
-    if any(head <= 0 for head in heads):
-        return False
-    halves = [int(head).bit_length() // 2 for head in heads]
-    top = max(halves)
-    scale = fmpz_mat(size, 1, [1 << (top - half) for half in halves])
-    sizes = fmpz_mat(size, size, [abs(value) for row in rows for value in row])
-    sums = (sizes * scale).table()
-    return all(sums[i][0] < 2 * heads[i] * scale[i, 0] for i in range(size))

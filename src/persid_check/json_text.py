@@ -15,14 +15,14 @@ MAX_DIGITS = 700  # of an integer: a binary64 or a dyadic mantissa needs fewer
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{}]', re.DOTALL)  # a string, closed or not, or a bracket
 
 
-def read(data: bytes, *, floats: bool) -> Any:
-    """Return the JSON value of UTF-8 bytes; without `floats`, every number must be an integer.
+def read(data: bytes, *, floats: bool, longest: int = MAX_BYTES) -> Any:
+    """Return the JSON value of at most `longest` UTF-8 bytes; without `floats`, every number must be an integer.
 
     Raises:
         FormatError: too large, too deep, not UTF-8, not JSON, a duplicate key, a number that may not stand there.
     """
-    if len(data) > MAX_BYTES:
-        raise FormatError("file", f"more than {MAX_BYTES} bytes")
+    if len(data) > longest:
+        raise FormatError("file", f"more than {longest} bytes")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:

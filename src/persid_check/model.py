@@ -11,7 +11,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from persid_check import sparse
 from persid_check.expression import ExpressionError, Program, is_linear, parse
 from persid_check.fields import (
     CLOCK,
@@ -102,7 +101,9 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
     """
     if not isinstance(data, Mapping):
         raise FormatError("model", "an object is needed")
-    if sparse.is_sparse(data):
+    if holds_objects(data):  # a large network: what reads it is not needed elsewhere
+        from persid_check import sparse
+
         model = sparse.read_sparse(data, sparse.gathered(data, folder))
         if model.n > sparse.FILLED_STATES:
             return model.form()
@@ -127,6 +128,15 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
         "b": read_vector("model.b", data.get("b"), n),
         "domain": None if data.get("domain") is None else read_matrix("model.domain", data["domain"], n, 2),
     } | read_clock(data)
+
+
+def holds_objects(data: Mapping[str, Any]) -> bool:
+    """Whether a matrix or a vector is given as an object: sparse, or in a companion."""
+    terms = data.get("terms")
+    parts = [data.get(name) for name in ("A0", "B", "x_ref", "b", "domain")]
+    for term in terms if isinstance(terms, list) else []:
+        parts += [term.get("A"), term.get("R")] if isinstance(term, Mapping) else []
+    return any(isinstance(part, Mapping) for part in parts)
 
 
 def model_sha256(data: Mapping[str, Any], folder: Path | None = None) -> str:
@@ -224,10 +234,15 @@ def _floats(rows: list[list[str]]) -> list[list[float]]:
 def _terms(terms: Any, n: int) -> list[dict[str, Any]]:
     if not isinstance(terms, list) or len(terms) > MAX_CHANNELS:
         raise FormatError("model.terms", f"a list of at most {MAX_CHANNELS} terms is needed")
-    found = [_term(f"model.terms[{i}]", term, n) for i, term in enumerate(terms)]
-    if sum(len(term["A"][0]) for term in found) > MAX_CHANNELS:
+    if sum(_channels(term, n) for term in terms) > MAX_CHANNELS:  # before zeros are written for any of them
         raise FormatError("model.terms", f"more than {MAX_CHANNELS} channels")
-    return found
+    return [_term(f"model.terms[{i}]", term, n) for i, term in enumerate(terms)]
+
+
+def _channels(term: Any, n: int) -> int:
+    """How many channels a term says that it has, one at least."""
+    R = term.get("R") if isinstance(term, Mapping) else ()
+    return n if R is None else max(1, len(R)) if isinstance(R, list) else 1
 
 
 def _term(where: str, term: Any, n: int) -> dict[str, Any]:

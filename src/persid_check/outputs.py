@@ -1,101 +1,44 @@
-"""What a certificate says about outputs y = h(C (x - x_ref) + D (u - u_ref) + d), and about any two solutions.
-
-Specification: docs/certificate-format.md, "Outputs" and "Any two solutions".
-"""
+"""The outputs y = h(C (x - x_ref) + D (u - u_ref) + d) of a model, in canonical form, and the hash of both."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from flint import arb, arb_mat, ctx, fmpq
-
-from persid_check.exact import Matrix
-from persid_check.expression import ExpressionError, Program, parse
+from persid_check.expression import ExpressionError, parse
 from persid_check.fields import read_names, read_vector, refuse_fields
-from persid_check.format import Stability, Subject, read_dyadics, read_list, read_object, read_text
 from persid_check.model import canonical_model, sha256_of
-from persid_check.prover import prove_nondecreasing
 from persid_check.results import FormatError, NotProvedError
 
 FORMAT = "persid-output-model-1"
 FIELDS = ("outputs", "C", "D", "d", "output_map")
 UNHASHED = ("hold", "noise", "x_mean", "x_cov", "provenance")  # of a model's file; no claim speaks of them
 MAX_OUTPUTS = 1000
-MAX_STATES = 200  # a linear system is solved in ball arithmetic
-BITS = (256, 1024, 4096)  # with which that is tried
-ACCURACY = 60  # bits of a constant that are enough: 53 are written
-OPTIONAL = {"E": ("outputs", "incremental"), "R": ("outputs",)}  # fields that a certificate of a claim may have
-
-Row = tuple[Fraction, ...]
 
 
-@dataclass(frozen=True)
-class Outputs:
-    """The rows of the outputs, their maps, and for each c and the Lipschitz constant of its map (1 for none)."""
-
-    sha256: str
-    names: tuple[str, ...]
-    C: tuple[Row, ...]
-    D: tuple[Row, ...]
-    maps: tuple[Program, ...] | None
-    constants: Row
-    lipschitz: Row
-
-
-@dataclass(frozen=True)
-class Conclusions:
-    """What a certificate claims beyond the estimate of its state."""
-
-    outputs: Outputs | None = None
-    incremental: bool = False
-
-
-NOTHING = Conclusions()
-
-
-def detached(data: Any) -> tuple[Any, dict[str, Any]]:
-    """Return a certificate's object without its optional fields, and those."""
-    claim = data.get("claim") if isinstance(data, dict) else None
-    names = OPTIONAL.get(claim, ()) if isinstance(claim, str) else ()
-    more = {name: data[name] for name in names if name in data}
-    return ({name: value for name, value in data.items() if name not in more} if more else data), more
-
-
-def read_conclusions(more: Mapping[str, Any], subject: Subject) -> Conclusions:
-    """Return what the optional fields claim.
+def read_stated(block: Mapping[str, Any], model: Mapping[str, Any]) -> str:
+    """Return the hash that a certificate's block of outputs states: its five fields are in canonical form and have it.
 
     Raises:
-        FormatError: anything is not as specified; the message names the place.
+        FormatError: they are not; the message names the place.
+        NotProvedError: it is another hash.
     """
-    if "incremental" in more and more["incremental"] is not True:
-        raise FormatError("incremental", "true, or no such field, is needed")
-    outputs = _outputs(more["outputs"], subject) if "outputs" in more else None
-    return Conclusions(outputs, "incremental" in more)
-
-
-def _outputs(value: Any, subject: Subject) -> Outputs:
-    block = read_object("outputs", value, ("sha256", *FIELDS, "constants", "lipschitz"))
-    stated = read_text("outputs.sha256", block["sha256"], 64)
-    form = canonical_outputs({name: block[name] for name in FIELDS}, subject.model.n, subject.model.m)
-    if form != {name: block[name] for name in FIELDS}:
+    stated = block["sha256"]
+    if not isinstance(stated, str):
+        raise FormatError("outputs.sha256", "text is needed")
+    given = {name: block[name] for name in FIELDS}
+    if not isinstance(given["C"], list) or not isinstance(given["D"], list) or not isinstance(given["d"], list):
+        raise FormatError("outputs", "C, D and d stand in the file as lists")
+    if canonical_outputs(given, len(model["states"]), len(model["inputs"])) != given:
         raise FormatError("outputs", "not in canonical form")
-    if sha256_of({"format": FORMAT, "dynamics": subject.form, **form}) != stated:
+    if sha256_of({"format": FORMAT, "dynamics": model, **given}) != stated:
         raise NotProvedError("outputs.sha256", "it is not the hash of the outputs in the file and their model")
-    count, maps = len(form["outputs"]), form["output_map"]
-    if (maps is None) != (block["lipschitz"] is None):
-        raise FormatError("outputs.lipschitz", "null without output_map, else one number an output is needed")
-    lipschitz = (Fraction(1),) * count if maps is None else read_dyadics("outputs.lipschitz", block["lipschitz"], count)
-    return Outputs(
-        stated,
-        tuple(form["outputs"]),
-        _fractions(form["C"]),
-        _fractions(form["D"]),
-        None if maps is None else tuple(parse(text) for text in maps),
-        read_dyadics("outputs.constants", block["constants"], count),
-        lipschitz,
-    )
+    return stated
+
+
+def rows_of(rows: Sequence[Sequence[str]]) -> tuple[tuple[Fraction, ...], ...]:
+    """Return the numbers of C or D."""
+    return tuple(tuple(Fraction(float.fromhex(text)) for text in row) for row in rows)
 
 
 def output_sha256(data: Any, folder: Path | None = None) -> str:
@@ -134,14 +77,20 @@ def canonical_outputs(data: Mapping[str, Any], n: int, m: int) -> dict[str, Any]
 
 
 def _rows(where: str, value: Any, height: int, width: int) -> list[list[str]]:
-    rows = [None] * height if value is None else read_list(where, value, height)
+    rows = [None] * height if value is None else _listed(where, value, height)
     return [read_vector(f"{where}[{i}]", row, width) for i, row in enumerate(rows)]
+
+
+def _listed(where: str, value: Any, size: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) != size:
+        raise FormatError(where, f"a list of {size} is needed")
+    return value
 
 
 def _maps(value: Any, count: int) -> list[str] | None:
     if value is None:
         return None
-    texts = read_list("outputs.output_map", value, count)
+    texts = _listed("outputs.output_map", value, count)
     for i, text in enumerate(texts):
         if not isinstance(text, str) or not text.isprintable():
             raise FormatError(f"outputs.output_map[{i}]", "an expression is printable text")
@@ -150,71 +99,3 @@ def _maps(value: Any, count: int) -> list[str] | None:
         except ExpressionError as error:
             raise FormatError(f"outputs.output_map[{i}]", str(error)) from None
     return texts
-
-
-def _fractions(rows: Sequence[Sequence[str]]) -> tuple[Row, ...]:
-    return tuple(tuple(Fraction(float.fromhex(text)) for text in row) for row in rows)
-
-
-def prove_outputs(claim: Stability, outputs: Outputs, below: Matrix) -> None:
-    """Prove |h(a) - h(b)| <= L |a - b| and c > C below^-1 C' for each output; V >= z'below z, below > 0, is proved.
-
-    Raises:
-        NotProvedError: a step of the proof fails.
-    """
-    if claim.point is None and any(claim.subject.model.b):
-        raise NotProvedError("outputs", "b is not zero at the reference; bounds of outputs need an operating point")
-    for i, program in enumerate(outputs.maps or ()):
-        _steepness(i, program, outputs.lipschitz[i])
-    for i, least in enumerate(least_constants(outputs.C, below)):
-        if not _ball(outputs.constants[i]) > least:
-            raise NotProvedError(f"outputs.constants[{i}]", "c V >= |C (x - x*)|^2 is not proved from the bound of V")
-
-
-def _steepness(i: int, program: Program, L: Fraction) -> None:
-    """L y + h(y) and L y - h(y) are nondecreasing on R: h has no slope beyond +-L."""
-    curve = ((program, Fraction(1)),)
-    if not all(prove_nondecreasing(curve, (L, sign)) for sign in (Fraction(1), Fraction(-1))):
-        raise NotProvedError(f"outputs.lipschitz[{i}]", "no proof that the output map is nowhere steeper")
-
-
-def least_constants(C: Sequence[Row], below: Matrix) -> list[arb]:
-    """Return enclosures of C_i below^-1 C_i', of more bits where they are wide: the least c with c below >= C_i'C_i.
-
-    Raises:
-        NotProvedError: `below` cannot be inverted with the bits that are tried, or is too large.
-    """
-    n = below.height
-    if n > MAX_STATES:
-        raise NotProvedError("outputs", f"bounds of outputs are read for at most {MAX_STATES} states")
-    found: list[arb] = []
-    for bits in BITS:
-        with ctx.workprec(bits):
-            columns = arb_mat(n, len(C), [_ball(row[j]) for j in range(n) for row in C])
-            try:
-                solved = arb_mat(below.entries).solve(columns)
-            except ZeroDivisionError:
-                continue
-            totals = [sum((columns[j, i] * solved[j, i] for j in range(n)), arb(0)) for i in range(len(C))]
-            found = [total * arb(2) ** below.exponent for total in totals]
-        if all(c.rel_accuracy_bits() > ACCURACY or c.rad() == 0 for c in found):
-            break
-    if not found:
-        raise NotProvedError("outputs", "the bound of V cannot be inverted with the bits that are tried")
-    return found
-
-
-def _ball(value: Fraction) -> arb:
-    return arb(fmpq(value.numerator, value.denominator))
-
-
-def prove_incremental(claim: Stability, everywhere: bool) -> None:
-    """Prove the conditions of claim E about any two solutions: no density, every used form nondecreasing.
-
-    Raises:
-        NotProvedError: one of them does not hold.
-    """
-    if any(mu for proof in claim.groups for mu in proof.mu):
-        raise NotProvedError("incremental", "V holds integrals; it says nothing about any two solutions")
-    if not everywhere:
-        raise NotProvedError("incremental", "a form that is used is not proved to be nondecreasing")

@@ -44,7 +44,7 @@ class Malformed:
 
     Examples:
         >>> persid_check.check(b"[]")
-        Malformed(where='claim', why='one of G, M, E, R, infeasible, refuted is needed')
+        Malformed(where='format', why='persid-certificate-2, or a known claim of an earlier format, is needed')
     """
 
     where: str

@@ -80,13 +80,6 @@ class SparseModel:
         }
 
 
-def is_sparse(data: Any) -> bool:
-    """Whether a matrix of a model object is given as an object: sparse, or in a companion."""
-    if not isinstance(data, Mapping):
-        return False
-    return any(isinstance(part, Mapping) for _, part in _parts(data))
-
-
 def gathered(data: Mapping[str, Any], folder: Path | None) -> Arrays:
     """Return the arrays that a `model.json` object names or lists, under the names of the specification.
 

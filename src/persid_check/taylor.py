@@ -1,21 +1,15 @@
-"""Taylor coefficients of the smooth functions of the grammar: exact at 0, enclosed about a ball; and Taylor's formula.
-
-On [a, b] with m inside, v(t) = sum of c_k (t - m)^k for k < K, plus c_K (t - m)^K with c_K a coefficient about some
-point of [a, b]: the last one is enclosed about the whole interval, the others about m alone.
-"""
+"""Taylor coefficients of the smooth functions of the grammar: exact at 0, enclosed about a ball."""
 
 from collections.abc import Callable
-from fractions import Fraction
 from functools import lru_cache
 
 from flint import arb, arb_series, ctx, fmpq, fmpq_series
 
-from persid_check.enclosure import Interval, UndefinedError, between, enclose, is_far
+from persid_check.enclosure import Interval, UndefinedError, enclose, is_far
 
 Coefficient = fmpq | Interval
 
 ORDER = 9  # of Taylor's polynomials; the remainder has this power
-LOCAL = 6  # coefficients of a Series
 
 
 @lru_cache(maxsize=64)
@@ -38,17 +32,17 @@ def series(name: str) -> list[Coefficient]:
     }
     if name not in exact:
         return [enclose(c) for c in coefficients_about(name, arb(0), ORDER)]
-    _refuse_short_series()
+    refuse_short_series()
     found: list[Coefficient] = list(exact[name]().coeffs())
     return (found + [fmpq(0)] * ORDER)[:ORDER]
 
 
 def coefficients_about(name: str, center: arb, count: int) -> list[arb]:
     """Taylor coefficients of a function, enclosed for every center in the ball."""
-    _refuse_short_series()
+    refuse_short_series()
     x = arb_series([center, 1], prec=count)
     try:
-        expansion = _power_series(name, x, center, count)
+        expansion = power_series(name, x, center, count)
     except (ValueError, ZeroDivisionError) as error:
         raise UndefinedError(f"no series of {name} there: {error}") from None
     if expansion.prec < count:
@@ -56,13 +50,13 @@ def coefficients_about(name: str, center: arb, count: int) -> list[arb]:
     return (list(expansion.coeffs()) + [arb(0)] * count)[:count]
 
 
-def _refuse_short_series() -> None:
+def refuse_short_series() -> None:
     """A series cut shorter than asked for would look like a polynomial."""
     if ctx.cap < ORDER + 1:
         raise UndefinedError("the library is set to shorter power series")
 
 
-def _power_series(name: str, x: arb_series, center: arb, count: int) -> arb_series:
+def power_series(name: str, x: arb_series, center: arb, count: int) -> arb_series:
     one = arb_series([1], prec=count)
     if name in ("sin", "cos", "tan") and is_far(center):
         raise UndefinedError(f"no series of {name} so far out")
@@ -94,134 +88,3 @@ def _power_series(name: str, x: arb_series, center: arb, count: int) -> arb_seri
 def _primitive(start: arb, slope: arb_series) -> arb_series:
     rise = slope.integral()
     return rise + arb_series([start], prec=rise.prec)
-
-
-class Series:
-    """A function about a point, or about all points of a ball: its first Taylor coefficients, in balls.
-
-    Unless the function is analytic there, an operation raises UndefinedError or leaves coefficients that are not
-    finite, which `coefficients` refuses.
-    """
-
-    __slots__ = ("terms",)
-
-    def __init__(self, terms: arb_series) -> None:
-        self.terms = terms
-
-    def __add__(self, other: "Series") -> "Series":
-        return Series(self.terms + other.terms)
-
-    def __sub__(self, other: "Series") -> "Series":
-        return Series(self.terms - other.terms)
-
-    def __mul__(self, other: "Series") -> "Series":
-        return Series(self.terms * other.terms)
-
-    def __truediv__(self, other: "Series") -> "Series":
-        try:
-            return Series(self.terms / other.terms)
-        except (ValueError, ZeroDivisionError):
-            raise UndefinedError("division by zero") from None
-
-    def __neg__(self) -> "Series":
-        return Series(-self.terms)
-
-    def constant(self, value: Fraction) -> "Series":
-        """Return the constant."""
-        return _constant_series(value.numerator, value.denominator)
-
-    def power(self, exponent: Fraction) -> "Series":
-        """Return self ** exponent, an integer or a half-integer."""
-        if exponent < 0:
-            return _constant_series(1, 1) / self.power(-exponent)
-        whole = Series(self.terms ** int(exponent))
-        return whole if exponent.denominator == 1 else whole * Series(self.terms.sqrt())
-
-    def apply(self, name: str) -> "Series":
-        """Return a function of the grammar; one with kinks where the ball lies on one side of each."""
-        if name in _BRANCHES:
-            return _BRANCHES[name](self)
-        if name == "sqrt":
-            return self.power(Fraction(1, 2))
-        try:
-            return Series(_power_series(name, self.terms, self.terms[0], LOCAL))
-        except (ValueError, ZeroDivisionError):
-            raise UndefinedError(f"no series of {name} there") from None
-
-    def slope(self, name: str) -> "Series":
-        """Not needed: a series is differentiated as a whole."""
-        raise UndefinedError(f"the slope of {name} has no series")
-
-    def derivative(self) -> "Series":
-        """Return the derivative; it has one coefficient less."""
-        return Series(self.terms.derivative())
-
-    def coefficients(self, count: int) -> list[arb]:
-        """Return the first coefficients, all finite."""
-        found = list(self.terms.coeffs())[:count]
-        if self.terms.prec < count or not all(c.is_finite() for c in found):
-            raise UndefinedError("a series is too short or not finite")
-        return found + [arb(0)] * (count - len(found))
-
-
-@lru_cache(maxsize=4096)
-def _constant_series(numerator: int, denominator: int) -> Series:
-    return Series(arb_series([arb(fmpq(numerator, denominator))], prec=LOCAL))
-
-
-def variable(low: Fraction, high: Fraction) -> Series:
-    """Return t about every point of an interval."""
-    _refuse_short_series()
-    return Series(arb_series([between(low, high).ball(), 1], prec=LOCAL))
-
-
-def somewhere(low: Fraction, high: Fraction) -> Series:
-    """Return an unknown constant in an interval."""
-    return Series(arb_series([between(low, high).ball()], prec=LOCAL))
-
-
-def least(about: list[arb], remainder: arb, reach: arb, *, both_sides: bool) -> arb:
-    """Return a lower bound of c_0 + c_1 s + ... + remainder s^K for 0 <= s <= reach, or for |s| <= reach."""
-    total, power = about[0], arb(1)
-    for k, c in enumerate([*about[1:], remainder], start=1):
-        power *= reach
-        loss = abs(c).upper() if both_sides and k % 2 else -c.lower()
-        if loss > 0:
-            total -= loss * power
-    return total.lower()
-
-
-def _one_sided(v: Series, kink: int) -> bool:
-    """Whether v > kink (else v < kink) on the ball; where it may be either, there is no series.
-
-    Strictly: where v touches the kink, an interval and a point of it could choose different branches.
-    """
-    if v.terms[0] > kink:
-        return True
-    if v.terms[0] < kink:
-        return False
-    raise UndefinedError("a kink inside")
-
-
-def _abs(v: Series) -> Series:
-    return v if _one_sided(v, 0) else -v
-
-
-def _relu(v: Series) -> Series:
-    return v if _one_sided(v, 0) else v.constant(Fraction(0))
-
-
-def _sat(v: Series) -> Series:
-    one = v.constant(Fraction(1))
-    if _one_sided(v, 1):
-        return one
-    return v if _one_sided(v, -1) else -one
-
-
-_BRANCHES: dict[str, Callable[[Series], Series]] = {
-    "abs": _abs,
-    "relu": _relu,
-    "sat": _sat,
-    "deadzone": lambda v: v - _sat(v),
-    "softsign": lambda v: v / (v.constant(Fraction(1)) + _abs(v)),
-}

@@ -13,7 +13,7 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode
 from persid.certificates.ledger import as_ledger, with_proof
 from persid.errors import PersidError, RoundingError
-from persid_check.format import WORDS
+from persid_check.version_1.format import WORDS
 
 FILES = sorted(path for path in VALID.glob("*.json") if json.loads(path.read_bytes())["claim"] in WORDS)
 

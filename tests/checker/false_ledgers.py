@@ -1,6 +1,7 @@
 """Ledgers that must not be accepted, five at least for each kind of fact: known ledgers with some places changed."""
 
 import copy
+import json
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ from fractions import Fraction
 from typing import Any
 
 from checker import known_ledgers
-from checker.ledgers import data, number
+from checker.ledgers import data, number, rehashed
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
 from persid_check import FormatError, model_sha256
@@ -362,19 +363,57 @@ _set("strip_on_a_face", G, R, "0 is on a face", (("strips",), [[[[1, [1, 0]]], [
 
 # --- outputs
 Y = "outputs"
-_set("output_bound_small", Y, R, "c'Pt^-1 c is larger", (("outputs", 0, "bound"), lambda pair: [pair[0], pair[1] - 1]))
-_set("output_bound_negative", Y, R, "a bound is positive", (("outputs", 0, "bound"), [-1, 0]))
-_set("output_row_long", Y, R, "ten times the row", (("outputs", 0, "row", 0, 1), [20, 0]))
+
+
+def _seen(name: str, expected: str, why: str, *edits: Edit, hashed: bool = False, base: str = Y) -> None:
+    """A false block of outputs, with the hash of the true one, or with its own."""
+
+    def content() -> bytes:
+        found = json.loads(changed(base, tuple((("outputs", *path), value) for path, value in edits)))
+        return data(rehashed(found) if hashed else found)
+
+    FALSEHOODS.append(Falsehood(name, expected, why, content))
+
+
+_seen("output_bound_small", R, "c'Pt^-1 c is larger", (("constants", 0), lambda pair: [pair[0] - 1, pair[1]]))
+_seen("output_bound_a_tenth_less", R, "larger", (("constants", 0), lambda pair: [pair[0] * 9 // 10, pair[1]]))
+_seen("output_bound_negative", R, "a bound is positive", (("constants", 0), [-1, 0]))
+_seen("output_bound_zero", R, "only a zero row has the bound 0", (("constants", 1), [0, 0]))
+_seen("output_bounds_swapped", R, "that of the other one", (("constants",), lambda both: both[::-1]))
+_seen("output_bounds_few", M, "one an output", (("constants",), lambda both: both[:1]))
+_seen("output_row_long", R, "ten times the row", (("C", 0, 0), (20.0).hex()), hashed=True)
+_seen("output_row_of_the_other_sign", R, "the other sum is larger", (("C", 0, 1), (4.0).hex()), hashed=True)
+_seen("output_row_shorter", R, "it is not the model's", (("C", 0, 0), (1.0).hex()))
+_seen("output_row_plain", M, "no float.hex", (("C", 0, 0), 2))
+_seen("output_rows_null", M, "written out", (("C",), None))
+_seen("output_names_swapped", R, "it is not the model's", (("outputs",), lambda both: both[::-1]))
+_seen("output_name_twice", M, "a name stands once", (("outputs",), ["size", "size"]), hashed=True)
+_seen("output_name_of_lines", M, "a name is printable", (("outputs", 0), "size\n"), hashed=True)
+_seen("output_offset", R, "it is not the model's", (("d", 0), (0.0).hex()))
+_seen("output_direct_zero", R, "it is not the model's", (("D", 0, 0), (0.0).hex()))
+_seen("output_direct_null", M, "written out", (("D",), None), hashed=True)
+_seen("output_direct_short", M, "one an input", (("D", 0), []), hashed=True)
+_seen("output_direct_missing", M, "all fields are needed", (("D",), GONE))
+_seen("output_map_missing", R, "it is not the model's", (("output_map",), None), (("lipschitz",), None))
+_seen("output_map_without_slopes", M, "a slope a map", (("lipschitz",), None))
+_seen("output_map_steeper", R, "slope 3", (("output_map", 0), "3*abs(x)"), hashed=True)
+_seen("output_map_unbounded", R, "no Lipschitz constant", (("output_map", 0), "x**3"), hashed=True)
+_seen("output_map_steep_at_zero", R, "an infinite slope", (("output_map", 0), "sqrt(abs(x))"), hashed=True)
+_seen("output_map_with_a_pole", R, "not continuous", (("output_map", 0), "1/x"), hashed=True)
+_seen("output_map_undefined", R, "not on all of R", (("output_map", 0), "log1p(x)"), hashed=True)
+_seen("output_map_nothing", M, "a bound with cuts", (("lipschitz", 0), None))
+_seen("output_slope_less", R, "the slope is 1", (("lipschitz", 0, 0), [2**53 - 1, -53]))
+_seen("output_slope_negative", M, "not negative", (("lipschitz", 0, 0), [-1, 0]))
+_seen("output_slope_of_one_side", R, "2 sat(x) rises by 2", (("lipschitz", 1, 0), [1, 0]))
+_seen("output_slope_beside_zero", R, "the cuts hold 0 inside", (("lipschitz", 0, 1), [0, [1, 2]]))
+_seen("output_slope_without_cuts", M, "one cut at least", (("lipschitz", 0, 1), [0, []]))
+_seen("output_hash", R, "another hash", (("sha256",), "0" * 64))
+_seen("steps_output", R, "a bound below the truth", (("constants", 0), [1, -8]), base="steps_outputs")
 _set("output_of_iss", Y, R, "no rate, no bound", (("claim",), "iss"), (("kappa",), [0, 0]), (("p",), [0, 0]))
-_set("output_direct", Y, M, "one a input", (("outputs", 0, "direct"), []))
+_set("output_list", Y, M, "no block of outputs", (("outputs",), [{"row": [], "direct": [], "bound": [1, 0]}]))
 FALSEHOODS.append(
     Falsehood("output_without_factor", R, "V has no factor", lambda: changed(Y, ((("proof", "V"), None),)))
 )
-
-_set("output_bound_zero", Y, R, "only a zero row has the bound 0", (("outputs", 0, "bound"), [0, 0]))
-_set("output_bound_a_tenth_less", Y, R, "c'Pt^-1 c is larger",
-     (("outputs", 0, "bound"), lambda pair: [pair[0] * 9 // 10, pair[1]]))  # fmt: skip
-_set("output_of_the_other_sign", Y, R, "the row's other sum is larger", (("outputs", 0, "row", 1, 1), [4, 0]))
 
 # --- numbers of the claim
 _set("kappa_large", V, R, "faster than the model", (("kappa",), [8, 0]))
@@ -460,7 +499,6 @@ _set("steps_offset", "steps_practical", R, "the constant does not cover it",
      (("curves", 0, "products", 0, 2), [1, -6]))  # fmt: skip
 _set("steps_deviation", "steps_plant", R, "deviations as large as the state",
      (("deviations", 0, "C"), lambda rows: [[[i, [1, 0]]] for i in range(len(rows))]))  # fmt: skip
-_set("steps_output", "steps_outputs", R, "a bound below the truth", (("outputs", 0, "bound"), [1, -8]))
 for _name, _dt in (("zero", (0.0).hex()), ("negative", (-0.5).hex()), ("null", None), ("number", 0.125)):
     _set(f"steps_dt_{_name}", S, M, "a step is positive", (("model", "dt"), _dt))
 _set("steps_dt_alone", V, M, "continuous time has no step", (("model", "dt"), (0.5).hex()))

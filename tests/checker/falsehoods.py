@@ -195,7 +195,7 @@ _set("large_p", E, R, "P > p I fails", (("p",), [4, 0]))
 _set("zero_p", E, R, "p must be positive", (("p",), [0, 0]))
 _set("small_ball", BALL, R, "the ball is too small for a proof", (("operating_point", "radius"), [1, -300]))
 _set("point_ball", BALL, R, "the centre is no equilibrium exactly", (("operating_point", "radius"), [0, 0]))
-_set("negative_ball", BALL, R, "a radius is not negative", (("operating_point", "radius"), [-1, -30]))
+_set("negative_ball", BALL, M, "a radius is not negative", (("operating_point", "radius"), [-1, -30]))
 _set("moved_ball", BALL, R, "no equilibrium there", (("operating_point", "x", 0), [2, 0]))
 _set("other_input", BALL, R, "the equilibrium of another input", (("operating_point", "u", 0), [2, 0]))
 _set(

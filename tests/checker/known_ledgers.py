@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from checker import known_steps, named
-from checker.ledgers import Sketch, curve, draft, model_object, number, point, solved
-from persid.certificates.ledger import as_ledger, floats, with_proof
-from persid_check.ledger.assembly import assemble
+from checker.ledgers import Sketch, curve, draft, model_object, number, point, seeing, solved
+from persid.certificates.ledger import as_ledger, with_proof
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.theorem import centre
 
@@ -96,13 +95,9 @@ def plant() -> Certificate:
 
 
 def outputs() -> Certificate:
-    """An output 2 x1 - x2 + u in its own unit."""
+    """The size of 2 x1 - x2 + u, and a saturated sensor of x1."""
     content = solved(_tanh_sketch(densities=(0,)))
-    Pt = floats(assemble(read_ledger(content)).Pt)
-    c = np.array([2.0, -1.0])
-    bound = Fraction(round(1.01 * float(c @ np.linalg.solve(Pt, c)) * 2**20), 2**20)
-    content["outputs"] = [{"row": [[0, [2, 0]], [1, [-1, 0]]], "direct": [[1, 0]], "bound": number(bound)}]
-    return with_proof(content)
+    return seeing(content, size=([2, -1], [1], "abs(x)"), sensor=([1, 0], [0], "2*sat(x)"))
 
 
 def region() -> Certificate:

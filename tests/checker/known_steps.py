@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from checker.ledgers import Sketch, curve, draft, model_object, number, point, solved
+from checker.ledgers import Sketch, curve, draft, model_object, number, point, seeing, solved
 from persid.certificates.ledger import with_proof
 from persid_check import canonical_model, model_sha256, prove_equilibrium
 
@@ -46,15 +46,8 @@ def steps_plant() -> Certificate:
 
 
 def steps_outputs() -> Certificate:
-    """An output x1 - x3 / 2 + u / 4 in its own unit; P is 1/4 at least, so 5 is enough."""
-    content = steps_network()
-    P = np.zeros((3, 3))
-    for i, row in enumerate(content["P"]["lower"]):
-        P[i, : i + 1] = [float(Fraction(m) * Fraction(2) ** e) for m, e in row]
-    P, c = P + np.tril(P, -1).T, np.array([1.0, 0.0, -0.5])
-    bound = Fraction(round(1.01 * float(c @ np.linalg.solve(P, c)) * 2**20), 2**20)
-    content["outputs"] = [{"row": [[0, [1, 0]], [2, [-1, -1]]], "direct": [[1, -2]], "bound": number(bound)}]
-    return with_proof(content)
+    """An output x1 - x3 / 2 + u / 4 in its own unit."""
+    return seeing(steps_network(), level=([1, 0, -0.5], [0.25]))
 
 
 def steps_ball() -> Certificate:

@@ -12,12 +12,16 @@ import numpy as np
 
 from checker.maker import model as model_object
 from persid.certificates.ledger import dyadic, floats, with_proof, written_cuts
+from persid.certificates.outputs import steepness, with_constants
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid_check import canonical_model, model_sha256
 from persid_check.expression import parse
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.lemmas import Lemma, Product
+from persid_check.model import sha256_of
+from persid_check.outputs import FIELDS
+from persid_check.outputs import FORMAT as OUTPUT_FORMAT
 
 GRID = 2**24
 ZERO = [0, 0]
@@ -183,6 +187,25 @@ def solved(sketch: Sketch, ratio: float = 1e4) -> dict[str, Any]:
         Pt = floats(assemble(read_ledger(content)).Pt)
         content["p"] = number(Fraction(round(0.9 * np.linalg.eigvalsh(Pt)[0] * GRID), GRID))
     return with_proof(content)
+
+
+def seeing(content: dict[str, Any], **outputs: tuple[Any, ...]) -> dict[str, Any]:
+    """A ledger that bounds outputs, by name: (row of C, row of D, map) or (row of C, row of D)."""
+    rows = [[[float(v).hex() for v in row] for row in (each[0], each[1])] for each in outputs.values()]
+    maps = [each[2] for each in outputs.values() if len(each) > 2]
+    block = {
+        "outputs": list(outputs), "C": [C for C, _ in rows], "D": [D for _, D in rows],
+        "d": [(0.5).hex()] * len(rows), "output_map": maps or None, "constants": [ZERO] * len(rows),
+        "lipschitz": [steepness(text) for text in maps] or None,
+    }  # fmt: skip
+    return with_constants(with_proof(rehashed(content | {"outputs": block})))
+
+
+def rehashed(content: dict[str, Any]) -> dict[str, Any]:
+    """The same with the hash of what the outputs have become."""
+    form = {name: content["outputs"][name] for name in FIELDS}
+    stated = sha256_of({"format": OUTPUT_FORMAT, "dynamics": content["model"], **form})
+    return content | {"outputs": content["outputs"] | {"sha256": stated}}
 
 
 def data(content: dict[str, Any]) -> bytes:

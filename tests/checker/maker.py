@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from persid_check import canonical_model, model_sha256
-from persid_check.claims import lower_bound
 from persid_check.exact import Matrix
-from persid_check.format import GroupProof, Point, Stability, Subject
-from persid_check.inequality import assemble
 from persid_check.model import groups_of, read_model
+from persid_check.reading import Ball
+from persid_check.subject import Subject
+from persid_check.version_1.claims import lower_bound
+from persid_check.version_1.format import GroupProof, Stability
+from persid_check.version_1.inequality import assemble
 
 GRID = 2**24
 
@@ -106,7 +108,7 @@ def _empty(wanted: Wanted) -> Stability:
     point = None
     if wanted.point is not None:
         x, radius, u = wanted.point
-        point = Point(tuple(map(Fraction, x)), Fraction(radius), tuple(map(Fraction, u)))
+        point = Ball(tuple(map(Fraction, x)), Fraction(radius), tuple(map(Fraction, u)))
     rows = tuple((Fraction(0),) * (i + 1 if wanted.full else 1) for i in range(m.n))
     one, zero = Fraction(1), Fraction(0)
     box = tuple((Fraction(lo), Fraction(hi)) for lo, hi in wanted.box)

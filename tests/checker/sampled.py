@@ -232,10 +232,10 @@ def _columns(look: Sampled, deviation: dict[str, Any]) -> Array:
 
 
 def _output_faults(look: Sampled, x: Array, V: float) -> list[str]:
-    found = []
-    for output in look.content["outputs"]:
-        y = sum(number(v) * x[i] for i, v in output["row"])
-        if y * y > number(output["bound"]) * V * (1 + TOLERANCE):
+    found, block = [], look.content["outputs"] or {"C": [], "constants": []}
+    for row, c in zip(block["C"], block["constants"], strict=True):
+        y = sum(float.fromhex(v) * x[i] for i, v in enumerate(row))
+        if y * y > number(c) * V * (1 + TOLERANCE):
             found.append(f"the output {y} at {x} is larger than its bound")
     return found
 

@@ -51,6 +51,23 @@ def test_the_checker_alone_accepts_and_explains_a_ledger(name: str, alone: Path,
     assert done.stdout.rstrip().splitlines()[-1].startswith("7. ")
 
 
+OTHERS = ("version_1", "networks", "refutations", "search", "subject.py", "sparse.py", "companion.py")
+
+
+def test_a_ledger_is_checked_without_the_other_rooms(alone: Path, tmp_path: Path) -> None:
+    """What reads version 1, networks and refutations, and what searches, may be deleted: ledgers are checked alike."""
+    shutil.copytree(alone, tmp_path / "less")
+    for name in OTHERS:
+        path = tmp_path / "less" / "persid_check" / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for name in ("spring", "outputs", "region", "practical"):
+        file = tmp_path / f"{name}.json"
+        file.write_bytes(data(known_ledgers.load(name)))
+        done, whole = (_run(folder, file, "--explain") for folder in (tmp_path / "less", alone))
+        assert done.stdout.startswith("accepted"), done.stderr
+        assert done.stdout == whole.stdout
+
+
 def test_the_checker_alone_accepts_files_of_version_1(alone: Path) -> None:
     """Kept files of format 1 are accepted by the same program."""
     for name in sorted(named.MAKERS)[:6]:

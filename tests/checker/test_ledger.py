@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from checker import known_ledgers
 from checker.false_ledgers import FALSEHOODS
-from checker.ledgers import data
+from checker.ledgers import data, seeing
 from checker.sampled import Sampled, faults, number
 from persid_check import Accepted, Rejected, check, model_sha256
 
@@ -101,8 +101,8 @@ def test_a_supply_below_zero_lowers_no_bound() -> None:
 def test_outputs_in_a_region_are_bounded_from_points_of_the_region() -> None:
     """A bound of an output in a region speaks of the solutions that start there, with inputs that are small enough."""
     content = copy.deepcopy(known_ledgers.load("region"))
-    content["outputs"] = [{"row": [[0, [1, 0]]], "direct": [[0, 0]], "bound": [4, 0]}]
-    assert "for all t >= 0. For these, |(x1 - x1*)| <= " in check(data(content)).statement
+    content = seeing(content, angle=([1, 0], [0]))
+    assert "from every x(0) in it the outputs keep to |'angle' - y*| <= " in check(data(content)).statement
 
 
 def test_names_of_states_are_quoted_where_they_could_mislead() -> None:

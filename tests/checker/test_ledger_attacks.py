@@ -100,11 +100,11 @@ def _is_stable(content: dict[str, Any]) -> bool:
     from checker.independent import Model
 
     m = Model(content["model"])
-    x = np.concatenate([s * np.geomspace(1e-5, 1e3, 4000) for s in (1, -1)])
+    x = np.concatenate([s * np.geomspace(1e-5, 1e9, 7000) for s in (1, -1)])  # a slope of .01 needs far ends
     with np.errstate(all="ignore"):
         F = m.A0[0, 0] * x + sum(m.A[0, c] * f.value(m.R[c, 0] * x) for c, f in enumerate(m.f))
-    inward = bool((np.sign(x) * F < 0)[np.isfinite(F)].all())
-    return inward and abs(F[3999]) > 20 and abs(F[-1]) > 20
+    inward = bool((np.sign(x) * F < 0)[~np.isnan(F)].all())
+    return inward and abs(F[6999]) > 20 and abs(F[-1]) > 20
 
 
 def _scalars(count: int, seed: int) -> Counter[str]:
@@ -356,6 +356,40 @@ def test_time_and_memory_are_bounded_by_the_length() -> None:
         assert isinstance(answer, Rejected | Malformed | Accepted)
         assert took < 8 + 2e-4 * len(content), name
         assert more < 3e8 + 400 * len(content), name
+
+
+def test_a_matrix_that_is_not_written_out_is_refused_before_it_is_made() -> None:
+    """Zeros for null, triplets and companions in the model are malformed, and take no memory for what they would be."""
+    base = known_ledgers.load("spring")
+    term = base["model"]["terms"][0]
+    many = [f"x{i}" for i in range(1000)]
+    wide = {"states": many, "terms": [{"f": "tanh(x)", "R": None, "A": None}] * 3000, "A0": None, "B": None}
+    triplets = {"shape": [2, 2], "rows": [0], "columns": [0], "values": [1]}
+    changes: list[dict[str, Any]] = [wide, *({name: None} for name in ("A0", "B", "b", "x_ref", "u_ref", "terms"))]
+    changes += [{"A0": triplets}, {"B": {"npz": "a.npz", "name": "B", "sha256": ""}}]
+    changes += [{"terms": [term | {"A": value}]} for value in (None, triplets)]
+    for change in changes:
+        content = base | {"model": base["model"] | change}
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        answer = check(data(content))
+        assert isinstance(answer, Malformed), change
+        assert answer.where.startswith("model."), change
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
+    given = {"format": "persid-model-1", "inputs": [], "B": [], **{name: wide[name] for name in ("states", "terms")}}
+    answer = check(data(base), data(given))
+    assert isinstance(answer, Malformed)
+    assert answer.why == "more than 3000 channels"
+
+
+def test_a_long_file_of_format_2_is_refused_before_it_is_parsed() -> None:
+    """Where its head names the format, 16 MiB is the limit before a list of it is made."""
+    head = json.dumps(known_ledgers.load("spring"))[:-1]
+    long = (head + ', "more": [' + "[]," * (6 * 2**20) + "[]]}").encode()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    answer = check(long)
+    assert isinstance(answer, Malformed)
+    assert answer.why == f"more than {2**24} bytes"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB: nothing was parsed
 
 
 def test_json_of_every_kind_is_answered() -> None:

@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import nnls
 
 from persid_check import Accepted, Malformed, Rejected, canonical_model, check, model_sha256
-from persid_check.cone import generators
 from persid_check.model import read_model
-from persid_check.nodes import nodes_of
-from persid_check.table import doubtful, table_of
+from persid_check.networks.cone import generators
+from persid_check.networks.nodes import nodes_of
+from persid_check.networks.table import doubtful, table_of
 
 
 def dyadic(number: float) -> list[int]:

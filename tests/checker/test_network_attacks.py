@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 from persid_check import Accepted, Malformed, Rejected, canonical_model, check, companion, model_sha256
-from persid_check.cone import generators
 from persid_check.model import read_model, sha256_of
-from persid_check.nodes import nodes_of
+from persid_check.networks.cone import generators
+from persid_check.networks.nodes import nodes_of
+from persid_check.networks.table import Table, doubtful, table_of_sparse
 from persid_check.results import FormatError, NotProvedError
 from persid_check.sparse import filled, read_sparse
-from persid_check.table import Table, doubtful, table_of_sparse
 from persid_check.work import limited
 
 N = 401  # the smallest network form

@@ -10,7 +10,7 @@ from checker.expressions import is_sector_function, odd_part
 from persid_check import work
 from persid_check.enclosure import UndefinedError, between
 from persid_check.expression import parse
-from persid_check.prover import (
+from persid_check.search.prover import (
     is_odd,
     prove_bounded,
     prove_bounded_below,
@@ -24,7 +24,7 @@ from persid_check.prover import (
     prove_strict_sector_form,
     prove_strictly_increasing,
 )
-from persid_check.taylor import variable
+from persid_check.search.series import variable
 from persid_check.work import allowance, limited
 
 F = Fraction

@@ -9,7 +9,7 @@ from flint import arb, ctx
 from persid.models.functions import scalar_function
 from persid_check.enclosure import PRECISION, UndefinedError, between, constant, value
 from persid_check.expression import parse
-from persid_check.taylor import LOCAL, least, somewhere, variable
+from persid_check.search.series import LOCAL, least, somewhere, variable
 
 SMOOTH = (
     "x**3", "sinh(x)", "tanh(x)", "exp(x)-1", "log1p(x**2)", "sin(2*x)", "cos(x)*x", "cosh(x)/(1+x**2)",

@@ -12,11 +12,12 @@ from fractions import Fraction
 from typing import Any
 
 from persid._dyadics import exact
-from persid_check.format import WORDS
-from persid_check.ledger.file import FORMAT as LEDGER
+from persid_check.ledger import FORMAT as LEDGER
 from persid_check.model import Model, groups_of, model_of
+from persid_check.version_1.format import WORDS
 
 Row = Mapping[int, Fraction]
+STABILITY = (*WORDS, *WORDS.values())  # the claims that are spoken of here, by the words of both formats
 _ZERO = Fraction(0)
 
 
@@ -124,7 +125,7 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
         tuple(strips),
         exact(content.get("level", (0, 0))),
         exact(content.get("input_bound", (0, 0))),
-        tuple(_rows_seen(content) if ledger else _seen(content)),
+        tuple(_seen(content)),
         tuple(_spread(each) for each in content.get("deviations", ())),
     )
 
@@ -193,16 +194,11 @@ def _box(
 
 
 def _seen(content: Mapping[str, Any]) -> Iterator[Seen]:
-    """The outputs of version 1."""
+    """The outputs; in the ledger a Lipschitz constant stands before its cuts."""
     block = content.get("outputs")
-    if block is None:
+    if not block:
         return
-    steep = [Fraction(1)] * len(block["outputs"]) if block["lipschitz"] is None else _exact(block["lipschitz"])
-    for name, c, L, row in zip(block["outputs"], block["constants"], steep, block["D"], strict=True):
+    ledger, steep = content["format"] == LEDGER, block["lipschitz"] or [[1, 0]] * len(block["outputs"])
+    found = [exact(entry[0] if ledger and block["lipschitz"] else entry) for entry in steep]
+    for name, c, L, row in zip(block["outputs"], block["constants"], found, block["D"], strict=True):
         yield Seen(name, exact(c), L, tuple(Fraction(float.fromhex(v)) for v in row))
-
-
-def _rows_seen(content: Mapping[str, Any]) -> Iterator[Seen]:
-    """The outputs of the ledger, which have no names."""
-    for i, output in enumerate(content["outputs"]):
-        yield Seen(f"y{i + 1}", exact(output["bound"]), Fraction(1), _exact(output["direct"]))

@@ -25,8 +25,10 @@ def heading(model: PersidskiiModel, claim: str, statement: str) -> dict[str, Any
     }
 
 
-def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
+def factor(M: Float[ndarray, "k k"], accuracy: float = 10.0) -> list[list[int]]:
     """Return an integer inverse Cholesky factor T of M: T M T' is nearly diagonal, the untrusted half of a proof.
+
+    Off its diagonal it is smaller by about `accuracy`.
 
     Raises:
         RoundingError: M is not positive definite in floating point.
@@ -45,7 +47,7 @@ def factor(M: Float[ndarray, "k k"]) -> list[list[int]]:
         raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
     T: Any = sla.lapack.dtrtri(L, lower=1)[0]
     condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
-    bits = int(np.clip(np.ceil(np.log2(10 * size * condition)), 12, 50))
+    bits = int(np.clip(np.ceil(np.log2(accuracy * size * condition)), 12, 50))
     shifts = [int(e) for e in exponents - exponents.min()]
     entries = np.round(np.ldexp(T, bits)).tolist()
     return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]

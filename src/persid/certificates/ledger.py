@@ -14,13 +14,16 @@ from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import RoundingError
 from persid_check.exact import Matrix, diagonal
 from persid_check.expression import parse
-from persid_check.format import WORDS
+from persid_check.ledger import FORMAT
 from persid_check.ledger.assembly import assemble
-from persid_check.ledger.file import FORMAT, MAX_FORMS, read_ledger
+from persid_check.ledger.file import read_ledger
 from persid_check.ledger.lemmas import Cuts, Lemma
 from persid_check.model import Group, Model, groups_of, model_of
+from persid_check.reading import MAX_FORMS
+from persid_check.version_1.format import WORDS
 
 _ZERO = Fraction(0)
+BOUNDING = 1e12  # how well the factor of the bound of V is known: bounds of rows lose about so little by it
 SECTOR = ("nondecreasing", "sector")  # kinds that are tried, the one that says most first
 SPANNING = ("rising", "growing", *SECTOR)
 INTEGRABLE = (*SECTOR, "offset")
@@ -155,8 +158,12 @@ class Curves:
         return [curve.written(list(uses)) for curve, uses in self.found]
 
 
-def as_ledger(content: dict[str, Any], deviations: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
-    """Return the content of format 2 that claims what a content of format 1 claims, of plants with deviations if given.
+def as_ledger(
+    content: dict[str, Any], deviations: Sequence[dict[str, Any]] = (), outputs: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the content of format 2 that claims what a content of format 1 claims.
+
+    It speaks of plants with deviations, and of outputs, if they are given.
 
     Raises:
         RoundingError: a lemma has no partition that is found, or a factor no proof.
@@ -194,7 +201,7 @@ def as_ledger(content: dict[str, Any], deviations: Sequence[dict[str, Any]] = ()
         "strips": _strips(content, model, points, written) if regional else [],
         "level": content["level"] if regional else [0, 0],
         "input_bound": content["input_bound"] if regional else [0, 0],
-        "outputs": [],
+        "outputs": outputs or [],
         "proof": {"P": [], "M": [], "V": None},
     }
     return with_proof(draft)
@@ -207,11 +214,11 @@ def with_proof(draft: dict[str, Any]) -> dict[str, Any]:
     kept = [i for i in range(matrices.M.height) if i not in set(ledger.dropped)]
     states = [i for i in kept if i < n]
     lower = matrices.Pt + diagonal([-ledger.p] * n)
-    bounding = ledger.claim == "region" or ledger.outputs
+    bounding = ledger.claim == "region" or ledger.outputs is not None
     proof = {
         "P": factor(floats(lower.kept(states, states))),
         "M": factor(floats(matrices.M.kept(kept, kept))),
-        "V": factor(floats(matrices.Pt)) if bounding else None,
+        "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
     return draft | {"proof": proof}
 

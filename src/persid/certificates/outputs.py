@@ -1,43 +1,53 @@
-"""Bounds of a model's outputs, added to the certificate of its dynamics; see docs/certificate-format.md, "Outputs"."""
+"""Bounds of a model's outputs, for the certificate of its dynamics; see docs/ledger.md, section 7, "outputs"."""
 
 from fractions import Fraction
 from math import isfinite
 from typing import Any
 
-from flint import arb, ctx
-
-from persid.certificates.certificate import Certificate
-from persid.certificates.encoding import encode
-from persid.errors import ModelError
+from persid.certificates.ledger import written_cuts
+from persid.certificates.partitions import cuts_of, cuts_of_continuity
+from persid.errors import ModelError, RoundingError
 from persid.lyapunov.sectors import steepest
 from persid.models.outputs import OutputModel
-from persid_check.claims import lower_bound
-from persid_check.format import Stability, read_certificate
-from persid_check.inequality import assemble
-from persid_check.outputs import BITS, canonical_outputs, detached, least_constants, output_sha256
+from persid_check.definite import proof_of
+from persid_check.expression import parse
+from persid_check.ledger.assembly import assemble
+from persid_check.ledger.file import read_ledger
+from persid_check.ledger.lemmas import Lemma
+from persid_check.outputs import canonical_outputs, output_sha256
 
 DIGITS = 53  # of a constant's mantissa
 
 
-def with_outputs(certificate: Certificate, model: OutputModel) -> Certificate:
-    """Return the certificate with a bound of every output; itself where its claim has no rate.
+def described(model: OutputModel) -> dict[str, Any]:
+    """Return a model's outputs as a certificate states them, their constants still 0.
 
     Raises:
-        RejectedError: the checker does not accept it: a map without a proved Lipschitz constant.
+        RoundingError: the slopes of a map are not proved bounded.
     """
-    if certificate.rate is None:
-        return certificate
-    plain = detached(certificate.content)[0]
-    claim = read_certificate(plain)
-    form = canonical_outputs(model.to_dict(), model.dynamics.n, model.dynamics.m)
     maps = model.output_map
-    block = {
+    return {
         "sha256": output_sha256(model.to_dict()),
-        **form,
-        "constants": [_beyond(c) for c in _constants(claim, model)],
-        "lipschitz": None if maps is None else [_above(Fraction(steepest(h.text))) for h in maps],
+        **canonical_outputs(model.to_dict(), model.dynamics.n, model.dynamics.m),
+        "constants": [[0, 0]] * len(model.outputs),
+        "lipschitz": None if maps is None else [steepness(h.text) for h in maps],
     }
-    return Certificate.accept(encode(certificate.content | {"outputs": block}))
+
+
+def with_constants(content: dict[str, Any]) -> dict[str, Any]:
+    """Return a ledger with the least constants of its outputs that its factor of the bound of V proves.
+
+    Raises:
+        RoundingError: the factor does not prove that bound positive definite.
+    """
+    ledger = read_ledger(content)
+    if ledger.outputs is None:
+        return content
+    bounding = proof_of(assemble(ledger).Pt, ledger.proof["V"])
+    if bounding is None:
+        raise RoundingError("the lower bound of V is not proved positive definite")
+    found = bounding.bounds([output.row for output in ledger.outputs.listed])
+    return content | {"outputs": content["outputs"] | {"constants": [_above(c) for c in found]}}
 
 
 def refuse_steep_maps(model: OutputModel) -> None:
@@ -53,29 +63,24 @@ def refuse_steep_maps(model: OutputModel) -> None:
             )
 
 
-def _constants(claim: Any, model: OutputModel) -> list[arb]:
-    if not isinstance(claim, Stability):
-        raise TypeError("not a certificate of stability")
-    matrices = assemble(claim)
-    below = lower_bound(claim, matrices) if claim.subject.claim == "R" else matrices.P
-    return least_constants([tuple(Fraction(v) for v in row) for row in model.C.tolist()], below)
+def steepness(text: str) -> list[Any]:
+    """Return L, the steepest slope of a map, and cuts on whose pieces L s + h(s) and L s - h(s) do not fall."""
+    functions = ((parse(text), Fraction(1)),)
+    L = _above(Fraction(steepest(text)))
+    forms = [(Fraction(L[0]) * Fraction(2) ** L[1], Fraction(sign)) for sign in (1, -1)]
+    cuts: set[Fraction] = set()
+    for found in (
+        cuts_of_continuity(functions, None),
+        *(cuts_of(Lemma(functions, form, "nondecreasing"), None) for form in forms),
+    ):
+        if found is None:
+            raise RoundingError(f"no proof that {text} is nowhere steeper than {steepest(text)}")
+        cuts |= set(found)
+    return [L, written_cuts(tuple(sorted(cuts)))]
 
 
 def _above(number: Fraction) -> list[int]:
     """Return the least dyadic [mantissa, exponent] of so many digits that is not smaller."""
-    exponent, scaled = _scaled(number)
-    return [-(-scaled.numerator // scaled.denominator), exponent]
-
-
-def _beyond(ball: arb) -> list[int]:
-    """Return the least dyadic of so many digits that is larger than every number of a ball."""
-    with ctx.workprec(BITS[-1]):
-        mantissa, power = ball.upper().man_exp()
-    exponent, scaled = _scaled(Fraction(int(mantissa)) * Fraction(2) ** int(power))
-    return [scaled.numerator // scaled.denominator + 1, exponent]
-
-
-def _scaled(number: Fraction) -> tuple[int, Fraction]:
-    """Return an exponent and the number over that power of two, which has so many digits; 0 counts as tiny."""
     exponent = number.numerator.bit_length() - number.denominator.bit_length() - DIGITS
-    return exponent, number / Fraction(2) ** exponent
+    scaled = number / Fraction(2) ** exponent
+    return [-(-scaled.numerator // scaled.denominator), exponent]

@@ -1,6 +1,6 @@
 """The certificate of a Lyapunov function.
 
-It is a ledger; version 1 is written where a lemma has no partition that is found, and where outputs are bounded.
+It is a ledger; version 1 is written where a lemma has no partition that is found, and no outputs are bounded.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from persid.certificates.bounds import above, largest_eigenvalue
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, factor, heading
 from persid.certificates.ledger import as_ledger
-from persid.certificates.outputs import with_outputs
+from persid.certificates.outputs import described, with_constants
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.multipliers import Chosen, Lyapunov
@@ -34,15 +34,16 @@ def prove(
 ) -> Certificate:
     """Return the certificate that the checker accepts: of a region with a box, with the rate if there is one.
 
-    Where V allows for deviations it speaks of every plant within them; version 1 has no place for these.
+    With a rate it bounds the outputs, if there are any. Where V allows for deviations it speaks of every plant within
+    them. Version 1 has no place for either.
 
     Raises:
-        RejectedError: the checker accepts it in neither format.
+        RejectedError: the checker accepts it in neither format, or not with the outputs.
         RoundingError: a matrix is not positive definite in floating point.
     """
     content = version_1(model, lyapunov, point, box)
-    if outputs is not None:
-        return with_outputs(Certificate.accept(encode(content)), outputs)
+    if outputs is not None and "kappa" in content:  # of the model itself: deviations only make its inequality harder
+        return Certificate.accept(encode(with_constants(as_ledger(content, outputs=described(outputs)))))
     deviations = [_deviation(*pair) for pair in zip(lyapunov.deviations, lyapunov.s, strict=True)]
     try:
         return Certificate.accept(encode(as_ledger(content, deviations)))

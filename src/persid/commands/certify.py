@@ -234,11 +234,11 @@ def _write_plants(verdict: Any, target: Path) -> str | None:
 
 def _is_certificate_of(model: "PersidskiiModel | OutputModel", path: Path) -> bool:
     """Whether a file says that it is a certificate of stability of this model."""
-    from persid_check.format import WORDS
+    from persid.certificates.claims import STABILITY
 
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return False
-    claims = (*WORDS, *WORDS.values(), "L1")
+    claims = (*STABILITY, "L1")
     return isinstance(content, dict) and content.get("model_sha256") == model.sha256 and content.get("claim") in claims

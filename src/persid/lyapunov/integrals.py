@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.lyapunov.sectors import Curve
-from persid_check.prover import prove_integral_lower, prove_integral_upper
+from persid_check.search.prover import prove_integral_lower, prove_integral_upper
 
 LARGEST = 64.0  # a form with a larger c is no density worth having
 SAFETY = 1 / 64  # relative distance kept from what the samples show

@@ -19,7 +19,7 @@ from numpy import ndarray
 from persid.models.channels import Channels
 from persid.models.functions import scalar_function
 from persid_check.expression import Program
-from persid_check.prover import prove_nondecreasing, prove_sector_form
+from persid_check.search.prover import prove_nondecreasing, prove_sector_form
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull

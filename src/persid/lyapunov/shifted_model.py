@@ -22,7 +22,7 @@ from persid.lyapunov.sectors import (
 )
 from persid.lyapunov.system import System, system
 from persid.models.model import PersidskiiModel
-from persid_check.prover import prove_continuous
+from persid_check.search.prover import prove_continuous
 
 
 @dataclass(frozen=True, eq=False)

@@ -344,7 +344,7 @@ class PersidskiiModel:
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise ModelError(f'a model has "format": "{FORMAT}"')
         unknown_fields(data, _FIELDS, {"states", "B", "terms"})
-        if persid_check.sparse.is_sparse(data):
+        if persid_check.model.holds_objects(data):
             return cls(**columns.load(data, folder))
         check_kinds(data)
         values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name not in ("format", "time")}

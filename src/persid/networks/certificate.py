@@ -23,9 +23,9 @@ from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
 from persid.models.model import PersidskiiModel
 from persid.networks.weights import Network, Perron, Weights, find_weights, network
-from persid_check.nodes import nodes_of
+from persid_check.networks.nodes import nodes_of
+from persid_check.networks.table import Table, table_of, table_of_sparse
 from persid_check.results import NotProvedError
-from persid_check.table import Table, table_of, table_of_sparse
 
 KINDS = 2000  # different kinds of nodes whose cones are sought
 

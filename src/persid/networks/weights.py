@@ -21,11 +21,11 @@ from numpy import ndarray
 from scipy.sparse import csr_array
 
 from persid.lyapunov.sectors import Curve, axes, nondecreasing_pool, pool
-from persid_check.cone import generators
-from persid_check.nodes import Functions
-from persid_check.prover import prove_nondecreasing
+from persid_check.networks.cone import generators
+from persid_check.networks.nodes import Functions
+from persid_check.networks.table import Table
 from persid_check.results import NotProvedError
-from persid_check.table import Table
+from persid_check.search.prover import prove_nondecreasing
 
 GENERATORS = 96  # of a cone, in networks of up to SMALL coefficients
 FEW_GENERATORS = 16  # in larger ones

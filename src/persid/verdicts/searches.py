@@ -21,7 +21,7 @@ from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
 from persid.verdicts.verdict import Reason
-from persid_check.prover import prove_radially_unbounded
+from persid_check.search.prover import prove_radially_unbounded
 
 ABOVE = 1 + 1e-6  # times a rate that is asked for: the file carries it rounded
 

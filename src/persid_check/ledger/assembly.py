@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
-from persid_check.ledger.values import Fact, Ledger, Lower
+from persid_check.ledger.values import Fact, Ledger
+from persid_check.reading import Lower
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 

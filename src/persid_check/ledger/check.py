@@ -2,10 +2,11 @@
 
 from typing import Any
 
-from persid_check.ledger.file import MAX_BYTES, read_ledger
+from persid_check.identity import Meant, require_same
+from persid_check.ledger import MAX_BYTES
+from persid_check.ledger.file import read_ledger
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
-from persid_check.model import sha256_of
 from persid_check.results import Accepted, FormatError, NotProvedError
 from persid_check.work import limited
 
@@ -15,19 +16,16 @@ MOST_STEPS = 4 * 10**6
 ENTRIES = 10**6  # of a matrix, and more for each byte
 
 
-def check_ledger(data: Any, size: int, sha256: str | None) -> Accepted:
+def check_ledger(data: Any, size: int, wanted: Meant | None) -> Accepted:
     """Return what is proved by a file of `size` bytes, or raise.
 
     Raises:
-        FormatError, NotProvedError: it is malformed, or not proved, or not about the model of the hash given.
+        FormatError, NotProvedError: it is malformed, or not proved, or not about the model that is meant.
     """
     if size > MAX_BYTES:
         raise FormatError("file", f"more than {MAX_BYTES} bytes")
     ledger = read_ledger(data)
-    if sha256_of(ledger.form) != ledger.sha256:
-        raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
-    if sha256 is not None and sha256 != ledger.sha256:
-        raise NotProvedError("model", "the certificate speaks of another model")
+    require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
     width = ledger.entries + ledger.inputs + sum(len(deviation.columns) for deviation in ledger.deviations)
     if max(width, len(ledger.points)) * width > ENTRIES + 4 * size:
         raise NotProvedError("model", "its matrices are too large for a file of this length")

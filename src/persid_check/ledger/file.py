@@ -9,41 +9,47 @@ from itertools import pairwise
 from typing import Any
 
 from persid_check.expression import ExpressionError, Program, parse
-from persid_check.format import (
-    MAX_BITS,
-    MAX_ENTRIES,
-    MAX_EXPONENT,
-    MAX_FACTOR_BITS,
-    read_dyadic,
-    read_dyadics,
-    read_gamma,
-    read_index,
-    read_list,
-    read_object,
-    read_P,
-    read_text,
-)
+from persid_check.ledger import FORMAT
 from persid_check.ledger.lemmas import Cuts, positions
 from persid_check.ledger.values import (
-    Ball,
     Curve,
     Deviation,
     Fact,
-    Factor,
     Form,
     Ledger,
+    Map,
     Output,
+    Outputs,
     Point,
     ProductForm,
     Row,
     Upper,
 )
-from persid_check.model import Model, canonical_model, model_of
+from persid_check.model import Model
+from persid_check.outputs import FIELDS as OUTPUT_FIELDS
+from persid_check.outputs import read_stated, rows_of
+from persid_check.reading import (
+    MAX_BITS,
+    MAX_EXPONENT,
+    MAX_FORMS,
+    Factor,
+    read_ball,
+    read_dropped,
+    read_dyadic,
+    read_dyadics,
+    read_factor,
+    read_gamma,
+    read_index,
+    read_integer,
+    read_list,
+    read_model,
+    read_nonnegative,
+    read_object,
+    read_P,
+    read_text,
+)
 from persid_check.results import FormatError
 
-FORMAT = "persid-certificate-2"
-MAX_BYTES = 2**24
-MAX_FORMS = 128  # of a curve
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
 
@@ -65,9 +71,9 @@ def read_ledger(data: Any) -> Ledger:
     claim = _one_of("claim", data["claim"], CLAIMS)
     read_text("statement", data["statement"], 5000)
     sha256 = read_text("model_sha256", data["model_sha256"], 64)
-    model = _model(data["model"])
+    model = read_model(data["model"], discrete=True)
     n, m, entries = model.n, model.m, model.n + len(model.channels)
-    ball = None if data["operating_point"] is None else _ball(data["operating_point"], model)
+    ball = None if data["operating_point"] is None else read_ball("operating_point", data["operating_point"], model)
     v = m + (ball is None and any(model.b))
     curves = tuple(_curve(f"curves[{i}]", value) for i, value in enumerate(_short("curves", data["curves"], 3000)))
     points = tuple(
@@ -87,14 +93,14 @@ def read_ledger(data: Any) -> Ledger:
         P,
         read_gamma(data["gamma"], v),
         tuple(_deviation(f"deviations[{j}]", value, n, entries + v) for j, value in _listed("deviations", data)),
-        _dropped(data["dropped"], entries),
+        read_dropped(data["dropped"], entries),
         _spanning(data["spanning"], curves, points),
         read_dyadic("kappa", data["kappa"]),
         read_dyadic("p", data["p"]),
         tuple(_strip(f"strips[{i}]", value, n) for i, value in _listed("strips", data)),
         read_dyadic("level", data["level"]),
         read_dyadic("input_bound", data["input_bound"]),
-        tuple(_output(f"outputs[{i}]", value, n, m) for i, value in _listed("outputs", data)),
+        _outputs(data["outputs"], data["model"]),
         _proof(data["proof"]),
     )
 
@@ -116,38 +122,11 @@ def _one_of(where: str, value: Any, known: Sequence[str]) -> str:
     return value
 
 
-def _model(form: Any) -> Model:
-    """Read the canonical form of a model in plain lists; nothing else is expanded."""
-    _refuse_companions("model", form)
-    if canonical_model(form) != form:
-        raise FormatError("model", "not in canonical form")
-    model = model_of(form, discrete=True)
-    if model.n + len(model.channels) > MAX_ENTRIES:
-        raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
-    return model
-
-
-def _refuse_companions(where: str, form: Any) -> None:
-    form = form if isinstance(form, dict) else {}
-    terms = form.get("terms")
-    for i, part in enumerate([form, *(terms if isinstance(terms, list) else [])]):
-        if isinstance(part, dict) and any(isinstance(value, dict) for value in part.values()):
-            raise FormatError(where if i == 0 else f"{where}.terms[{i - 1}]", "matrices stand in the file as lists")
-
-
-def _integer(where: str, value: Any, bits: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise FormatError(where, f"an integer is needed, not {str(value)[:40]!r}")
-    if value.bit_length() > bits:
-        raise FormatError(where, f"an integer of at most {bits} bits is needed")
-    return value
-
-
 def _cuts(where: str, value: Any) -> Cuts:
     exponent, listed = read_list(where, value, 2)
-    if abs(_integer(f"{where}[0]", exponent, 64)) > MAX_EXPONENT:
+    if abs(read_integer(f"{where}[0]", exponent, 64)) > MAX_EXPONENT:
         raise FormatError(where, f"an exponent of at most {MAX_EXPONENT} is needed")
-    cuts = [_integer(f"{where}[1][{i}]", m, MAX_BITS) for i, m in enumerate(read_list(f"{where}[1]", listed))]
+    cuts = [read_integer(f"{where}[1][{i}]", m, MAX_BITS) for i, m in enumerate(read_list(f"{where}[1]", listed))]
     if not cuts or any(a >= b for a, b in pairwise(cuts)):
         raise FormatError(where, "cuts rise, and there is one at least")
     return positions(cuts, exponent)
@@ -217,13 +196,13 @@ def _shift(where: str, value: Any) -> tuple[Fraction, Fraction] | str | None:
 def _form(where: str, value: Any, size: int, count: int) -> Form:
     value = read_object(where, value, ("l", "is", "cuts", "offset", "upper", "lower"))
     kind = _one_of(f"{where}.is", value["is"], KINDS)
-    offset = _nonnegative(f"{where}.offset", value["offset"])
+    offset = read_nonnegative(f"{where}.offset", value["offset"])
     if offset and kind != "offset":
         raise FormatError(f"{where}.offset", "only an offset form has one")
     lower = value["lower"]
     if lower is not None:
         d, j = read_list(f"{where}.lower", lower, 2)
-        lower = (_nonnegative(f"{where}.lower", d), read_index(f"{where}.lower", j, count))
+        lower = (read_nonnegative(f"{where}.lower", d), read_index(f"{where}.lower", j, count))
     return Form(
         read_dyadics(f"{where}.l", value["l"], size),
         kind,
@@ -234,17 +213,10 @@ def _form(where: str, value: Any, size: int, count: int) -> Form:
     )
 
 
-def _nonnegative(where: str, value: Any) -> Fraction:
-    number = read_dyadic(where, value)
-    if number < 0:
-        raise FormatError(where, "a number that is not negative is needed")
-    return number
-
-
 def _upper(where: str, value: Any) -> Upper:
     c, e, cuts = read_list(where, value, 3)
     found = None if cuts is None else _cuts(where, cuts)
-    return Upper(_nonnegative(where, c), _nonnegative(where, e), found)
+    return Upper(read_nonnegative(where, c), read_nonnegative(where, e), found)
 
 
 def _product(where: str, value: Any, count: int) -> ProductForm:
@@ -264,7 +236,7 @@ def _point(where: str, value: Any, curves: Sequence[Curve], model: Model) -> Poi
     for i, pair in enumerate(read_list(f"{where}.densities", value["densities"])):
         k, mu = read_list(f"{where}.densities[{i}]", pair, 2)
         k = read_index(f"{where}.densities[{i}]", k, len(curve.forms))
-        densities.append((k, _nonnegative(f"{where}.densities[{i}]", mu)))
+        densities.append((k, read_nonnegative(f"{where}.densities[{i}]", mu)))
     return Point(place, _row(f"{where}.row", value["row"], model.n), channels, tuple(densities))
 
 
@@ -284,17 +256,17 @@ def _fact(where: str, kind: str, entry: list[Any], curves: Sequence[Curve], poin
     sign = 0
     if kind == "constant":
         k = l = read_index(where, places[1], len(curves[points[p].curve].products))  # noqa: E741
-        return Fact(kind, p, q, sign, k, l, _nonnegative(where, tau))
+        return Fact(kind, p, q, sign, k, l, read_nonnegative(where, tau))
     if kind == "one_signed":
         q, places = read_index(where, places[2], len(points)), [places[0], places[1], places[3]]
     if kind == "difference":
-        q, sign = read_index(where, places[1], len(points)), _integer(where, places[2], 2)
+        q, sign = read_index(where, places[1], len(points)), read_integer(where, places[2], 2)
         if sign not in (1, -1):
             raise FormatError(where, "a difference has the sign 1 or -1")
         places = [places[0], *places[3:]]
     k = read_index(where, places[1], len(curves[points[p].curve].forms))
     l = read_index(where, places[2], len(curves[points[q].curve].forms))  # noqa: E741
-    return Fact(kind, p, q, sign, k, l, _nonnegative(where, tau))
+    return Fact(kind, p, q, sign, k, l, read_nonnegative(where, tau))
 
 
 def _deviation(where: str, value: Any, n: int, size: int) -> Deviation:
@@ -304,24 +276,8 @@ def _deviation(where: str, value: Any, n: int, size: int) -> Deviation:
     )
     C = tuple(_row(f"{where}.C[{i}]", row, size) for i, row in enumerate(read_list(f"{where}.C", value["C"])))
     return Deviation(
-        columns, C, read_dyadic(f"{where}.s", value["s"]), _nonnegative(f"{where}.epsilon", value["epsilon"])
+        columns, C, read_dyadic(f"{where}.s", value["s"]), read_nonnegative(f"{where}.epsilon", value["epsilon"])
     )
-
-
-def _ball(value: Any, model: Model) -> Ball:
-    value = read_object("operating_point", value, ("x", "radius", "u"))
-    return Ball(
-        read_dyadics("operating_point.x", value["x"], model.n),
-        _nonnegative("operating_point.radius", value["radius"]),
-        read_dyadics("operating_point.u", value["u"], model.m),
-    )
-
-
-def _dropped(value: Any, size: int) -> tuple[int, ...]:
-    entries = tuple(read_index(f"dropped[{i}]", entry, size) for i, entry in enumerate(read_list("dropped", value)))
-    if len(set(entries)) != len(entries):
-        raise FormatError("dropped", "an entry stands twice")
-    return entries
 
 
 def _spanning(value: Any, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[tuple[int, int], ...]:
@@ -338,23 +294,33 @@ def _strip(where: str, value: Any, n: int) -> tuple[Row, Fraction, Fraction]:
     return _row(where, row, n), read_dyadic(where, lo), read_dyadic(where, hi)
 
 
-def _output(where: str, value: Any, n: int, m: int) -> Output:
-    value = read_object(where, value, ("row", "direct", "bound"))
-    direct = read_dyadics(f"{where}.direct", value["direct"], m)
-    return Output(_row(f"{where}.row", value["row"], n), direct, read_dyadic(f"{where}.bound", value["bound"]))
+def _outputs(value: Any, model: Mapping[str, Any]) -> Outputs | None:
+    if isinstance(value, list) and not value:
+        return None
+    block = read_object("outputs", value, ("sha256", *OUTPUT_FIELDS, "constants", "lipschitz"))
+    stated, count = read_stated(block, model), len(block["outputs"])
+    maps = _maps(block["output_map"], block["lipschitz"], count)
+    rows = [{i: v for i, v in enumerate(row) if v} for row in rows_of(block["C"])]
+    constants = read_dyadics("outputs.constants", block["constants"], count)
+    entries = zip(block["outputs"], rows, rows_of(block["D"]), constants, maps, strict=True)
+    return Outputs(stated, tuple(Output(*entry) for entry in entries))
+
+
+def _maps(texts: list[str] | None, bounds: Any, count: int) -> Sequence[Map | None]:
+    if (texts is None) != (bounds is None):
+        raise FormatError("outputs.lipschitz", "null without output_map, else a bound with cuts for each output")
+    if texts is None:
+        return [None] * count
+    found = []
+    for i, (text, value) in enumerate(zip(texts, read_list("outputs.lipschitz", bounds, count), strict=True)):
+        where = f"outputs.lipschitz[{i}]"
+        L, cuts = read_list(where, value, 2)
+        found.append(Map(parse(text), read_nonnegative(where, L), _cuts(where, cuts)))
+    return found
 
 
 def _proof(value: Any) -> dict[str, Factor]:
     proof = read_object("proof", value, ("P", "M", "V"))
     return {
-        name: () if rows is None and name == "V" else _factor(f"proof.{name}", rows) for name, rows in proof.items()
+        name: () if rows is None and name == "V" else read_factor(f"proof.{name}", rows) for name, rows in proof.items()
     }
-
-
-def _factor(where: str, value: Any) -> Factor:
-    rows = read_list(where, value)
-    return tuple(_integers(f"{where}[{i}]", row, i + 1) for i, row in enumerate(rows))
-
-
-def _integers(where: str, values: Any, size: int) -> tuple[int, ...]:
-    return tuple(_integer(where, value, MAX_FACTOR_BITS) for value in read_list(where, values, size))

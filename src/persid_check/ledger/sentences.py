@@ -1,45 +1,58 @@
 """The checker's own sentences on the ledger: what was proved, and the proof in the order of the specification."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.ledger.theorem import Proved, strips
-from persid_check.ledger.values import Deviation, Ledger, Row
-from persid_check.sentences import SHOWN, counted, decimal, input_names, root, state_names
+from persid_check.ledger.values import Deviation, Ledger, Output, Row
+from persid_check.words import (
+    SHOWN,
+    counted,
+    decimal,
+    equilibrium,
+    explained,
+    input_names,
+    marked,
+    model_named,
+    root,
+    state_names,
+    vector,
+)
 
 _ZERO = Fraction(0)
 
 
 def statement(ledger: Ledger, proved: Proved) -> str:
     """Return the sentences of a claim."""
-    model = ledger.model
-    names = ", ".join(repr(name) for name in model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
-    subject = f"the model with states {names} ({model.n}), {counted(model.m, 'input')} and SHA-256 {ledger.sha256}"
+    subject = model_named(ledger.model, ledger.sha256)
     if ledger.deviations:
         subject = f"every plant within the stated deviations of {subject}"
     first = f"{subject[0].upper()}{subject[1:]} is {_kind(ledger)} {_place(ledger)}."
     parts = [first, *_estimate(ledger, proved)]
     if ledger.deviations:
         parts.append(_plants(ledger))
-    parts += list(_outputs(ledger))
     if proved.everywhere:
         parts.append(
             "The same holds, with the same numbers, about every equilibrium of every constant input, of which each has"
             " exactly one."
         )
     if proved.incremental:
-        parts.append(_incremental(ledger))
-    return " ".join(parts)
+        parts.append(_between(ledger))
+    return explained(" ".join(parts))
 
 
-def _incremental(ledger: Ledger) -> str:
+def _between(ledger: Ledger) -> str:
+    """What holds for any two solutions."""
     clock = _clock(ledger)
     other, start = (name.replace("x", "x~", 1) for name in (clock.now, clock.start))
+    V = f"V({clock.start} - {start})"
+    bound = f"|{clock.now} - {other}| <= {_start(ledger, V)}"
+    bound += f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} {clock.always}"
+    if ledger.outputs is not None:
+        bound = f"the same bounds hold with y~, u~ in place of y*, u* and {V} of V({clock.start})"
     return (
-        f"For any two solutions x, x~ with inputs u, u~: |{clock.now} - {other}| <="
-        f" {_start(ledger, f'V({clock.start} - {start})')}"
-        f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} {clock.always}, V(d) = d'P d."
+        f"For any two solutions x, x~ with inputs u, u~: {bound}, V(d) = d'P d."
         " For every constant input there is exactly one equilibrium, and every solution tends to it."
     )
 
@@ -52,23 +65,12 @@ def _kind(ledger: Ledger) -> str:
     return f"{scope} {'practically ' if spread else ''}input-to-state stable{steps}"
 
 
-def _numbers(values: Sequence[Fraction]) -> str:
-    shown = []
-    for value in values[:SHOWN]:
-        low, high = decimal(value, up=False), decimal(value)
-        shown.append(low if low == high else f"~{low}")
-    return f"({', '.join(shown)}{', ...' if len(values) > SHOWN else ''})"
-
-
 def _place(ledger: Ledger) -> str:
-    ball, model = ledger.ball, ledger.model
-    if ball is not None:
-        where = f"= {_numbers(ball.x)} exactly"
-        if ball.radius:  # not rounded up: only in the ball itself is it proved to be the one
-            where = f"within {_marked(ball.radius)} of {_numbers(ball.x)} in every state"
-        return f"about the one equilibrium x* {where} for the constant input u* = {_numbers(ball.u)}"
+    model = ledger.model
+    if ledger.ball is not None:
+        return f"about {equilibrium(ledger.ball)}"
     name = "" if ledger.claim == "practical" else "x* = "
-    where = f"about {name}x_ref = {_numbers(model.x_ref)} for u* = u_ref = {_numbers(model.u_ref)}"
+    where = f"about {name}x_ref = {vector(model.x_ref)} for u* = u_ref = {vector(model.u_ref)}"
     return f"{where}, with the constant b counted as one more input that is held at 1" if ledger.counts_b else where
 
 
@@ -92,7 +94,7 @@ def _clock(ledger: Ledger) -> _Clock:
     if dt is None:
         share, half = (f"exp(-{decimal(k, up=False)} t)" for k in (kappa, kappa / 2))
         return _Clock("x(t)", "x(0)", "for all t >= 0", share, half, "x'")
-    always = f"for all steps k >= 0 of {_marked(dt)} s"
+    always = f"for all steps k >= 0 of {_one(dt)} s"
     return _Clock("x_k", "x_0", always, f"{decimal(1 - kappa)}^k", f"{root(1 - kappa)}^k", "x_{k+1}")
 
 
@@ -121,36 +123,80 @@ def _spread(ledger: Ledger, unit: Fraction) -> str:
 def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     if ledger.claim == "iss":
         return []
-    unit, clock = ledger.kappa * ledger.p, _clock(ledger)
     if ledger.claim == "practical":
         return [_finally(ledger, proved)]
-    bound = f"|{clock.now} - x*| <= {_start(ledger)} + {_gain(ledger, unit)}{_spread(ledger, unit)} {clock.always}"
+    bound = _of_outputs(ledger, ledger.outputs.listed) if ledger.outputs is not None else _of_state(ledger)
     if ledger.claim == "rate-and-gain":
-        return [f"{bound}."]
+        return [f"{bound[0].upper()}{bound[1:]}."]
     found = strips(ledger)
+    start = _clock(ledger).start
     sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
     sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
     return [
-        f"The set of x with {sides or 'no strip'} and V(x) <= {_marked(ledger.level)} is invariant for inputs"
-        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {clock.start} in it {bound}."
+        f"The set of x with {sides or 'no strip'} and V(x) <= {_one(ledger.level)} is invariant for inputs"
+        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {start} in it {bound}."
     ]
 
 
+def _of_state(ledger: Ledger) -> str:
+    unit = ledger.kappa * ledger.p
+    clock, inputs = _clock(ledger), _gain(ledger, unit) + _spread(ledger, unit)
+    return f"|{clock.now} - x*| <= {_start(ledger)} + {inputs} {clock.always}"
+
+
+def _of_outputs(ledger: Ledger, outputs: Sequence[Output]) -> str:
+    """The bound of every output."""
+    parts = [_of_output(ledger, output) for output in outputs[:SHOWN]]
+    parts += [f"... ({len(outputs)} outputs)"] * (len(outputs) > SHOWN)
+    return f"the outputs keep to {'; '.join(parts)}; {_clock(ledger).always}, with y* for x* and u*"
+
+
+def _of_output(ledger: Ledger, output: Output) -> str:
+    """L (sqrt(c V) e^{-kappa t/2} + sqrt(c gamma/kappa) sup|u - u*| + ... + |D| sup|u - u*|)."""
+    square = output.steepness**2
+    c = square * output.constant
+    clock = _clock(ledger)
+    start = f"{root(c)} sqrt(V({clock.start})) {clock.root}"
+    terms = [start, *_of_inputs(ledger, c / ledger.kappa, [square * d * d for d in output.direct])]
+    spread = _spread(ledger, ledger.kappa / c) if c else ""
+    return f"|{output.name!r} - y*| <= {' + '.join(terms)}{spread}"
+
+
+def _of_inputs(ledger: Ledger, c: Fraction, direct: Sequence[Fraction]) -> list[str]:
+    """The inputs' parts: of all together, or of each; `direct` are squares of what comes through directly."""
+    if not ledger.inputs:
+        return []
+    through = sum(direct, _ZERO)
+    if isinstance(ledger.gamma, Fraction) and not ledger.counts_b:
+        return [f"{_sum(c * ledger.gamma, through)} sup|u - u*|"]
+    if isinstance(ledger.gamma, Fraction):
+        part = f"{root(c * ledger.gamma)} sup|(u - u*, 1)|"
+        return [part, f"{root(through)} sup|u - u*|"] if through else [part]
+    names = [f"sup|{name} - {name}*|" for name in input_names(ledger.model.inputs)] + ["1"] * ledger.counts_b
+    squares = [*direct, *[_ZERO] * ledger.counts_b]
+    parts = zip(ledger.gamma, squares, names, strict=True)
+    return [f"{_sum(c * row[-1], d)} {name}" for row, d, name in parts]
+
+
+def _sum(a: Fraction, b: Fraction) -> str:
+    """Return a decimal upper bound of sqrt(a) + sqrt(b)."""
+    return decimal(Fraction(root(a, digits=9)) + Fraction(root(b, digits=9))) if b else root(a)
+
+
 def _strip(ledger: Ledger, row: Row, lo: Fraction, hi: Fraction) -> str:
-    """One strip in words; ends are rounded inwards, so that the set named lies in the set proved invariant."""
+    """One strip in words."""
     more = " + ..." if len(row) > SHOWN else ""
-    return f"{_marked(lo)} <= {_combined(row, state_names(ledger.model.states))}{more} <= {_marked(hi)}"
+    return f"{_one(lo)} <= {_combined(row, state_names(ledger.model.states))}{more} <= {_one(hi)}"
 
 
 def _combined(row: Row, names: Sequence[str]) -> str:
     """A combination of deviations from the operating point, by the names of the states."""
-    terms = [f"{'' if r == 1 else f'{_marked(r)} '}({names[i]} - {names[i]}*)" for i, r in list(row.items())[:SHOWN]]
+    terms = [f"{'' if r == 1 else f'{_one(r)} '}({names[i]} - {names[i]}*)" for i, r in list(row.items())[:SHOWN]]
     return " + ".join(terms) or "0"
 
 
-def _marked(value: Fraction) -> str:
-    low, high = decimal(value, up=False), decimal(value)
-    return low if low == high else f"~{low}"
+def _one(value: Fraction) -> str:
+    return marked((value,))
 
 
 def _finally(ledger: Ledger, proved: Proved) -> str:
@@ -180,35 +226,20 @@ def _deviation(ledger: Ledger, deviation: Deviation) -> str:
     names += [f"(s{c + 1} - s{c + 1}*)" for c in range(len(ledger.model.channels))]
     names += [f"({name} - {name}*)" for name in input_names(ledger.model.inputs)] + ["1"] * ledger.counts_b
     states = state_names(ledger.model.states)
-    columns = [_sum(row, [f"e({name})" for name in states], _marked) for row in deviation.columns]
-    lines = [_sum(row, names, _towards_0 if len(row) == 1 else _marked) for row in deviation.C]
+    columns = [_joined(row, [f"e({name})" for name in states], _one) for row in deviation.columns]
+    lines = [_joined(row, names, _towards_0 if len(row) == 1 else _one) for row in deviation.C]
     some = [f"({', '.join(each[:SHOWN])}{', ...' if len(each) > SHOWN else ''})" for each in (columns, lines)]
     bound = f"|{some[1]}|^2" if lines else "0"
     return f"L = {some[0]} and |w|^2 <= {bound} + {_towards_0(deviation.epsilon)}^2"
 
 
-def _sum(row: Row, names: Sequence[str], written: Callable[[Fraction], str]) -> str:
+def _joined(row: Row, names: Sequence[str], written: Callable[[Fraction], str]) -> str:
     terms = [f"{written(r)} {names[i]}" for i, r in list(row.items())[:SHOWN]]
     return (" + ".join(terms) or "0") + (" + ..." if len(row) > SHOWN else "")
 
 
 def _towards_0(value: Fraction) -> str:
     return decimal(value, up=value < 0)
-
-
-def _outputs(ledger: Ledger) -> Iterator[str]:
-    clock = _clock(ledger)
-    for output in ledger.outputs[:SHOWN]:
-        terms = _combined(output.row, state_names(ledger.model.states))
-        direct = "".join(f" + {_marked(d)} (u{i + 1} - u{i + 1}*)" for i, d in enumerate(output.direct) if d)
-        size = sum((abs(d) for d in output.direct), _ZERO)
-        bound = output.bound
-        start = f"{root(bound)} sqrt(V({clock.start})) {clock.root}"
-        inputs = _gain(ledger, ledger.kappa / bound) if bound > 0 else "0"
-        spread = _spread(ledger, ledger.kappa / bound) if bound > 0 else ""
-        through = f" + {decimal(size)} sup|u - u*|" if size else ""
-        there = "For these, " if ledger.claim == "region" else ""
-        yield f"{there}|{terms}{direct}| <= {start} + {inputs}{spread}{through}."
 
 
 def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
@@ -224,7 +255,7 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
         lines.append(f"2. Curve {i}: {functions}, continuous; centre {_centre(curve.shift)}.")
         for k, form in enumerate(curve.forms):
             pieces = counted(len(form.cuts) - 1, "piece")
-            lines.append(f"2. Curve {i}, form {k} = {_numbers(form.l)}: {form.kind}, {pieces}.")
+            lines.append(f"2. Curve {i}, form {k} = {vector(form.l)}: {form.kind}, {pieces}.")
     counts = {kind: sum(1 for fact in ledger.facts if fact.kind == kind) for kind in _FACTS}
     lines += [f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]]
     densities = sum(len(point.densities) for point in ledger.points)
@@ -233,6 +264,10 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")
     lines.append("6. Pt - p I > 0 in the same way." if ledger.p else "6. Pt > 0 in the same way.")
+    if ledger.outputs is not None:
+        lines.append(
+            "7. c >= C Pt^-1 C' (bound of section 6) for every output, and no output map is steeper than its L."
+        )
     lines.append(f"7. {(_OF_STEPS if model.is_discrete else _CONCLUSIONS)[ledger.claim]}")
     return tuple(lines)
 
@@ -259,5 +294,5 @@ _OF_STEPS = {
 
 def _centre(shift: tuple[Fraction, Fraction] | str | None) -> str:
     if isinstance(shift, tuple):
-        return f"within {_marked(shift[1])} of {_marked(shift[0])}"
+        return f"within {_one(shift[1])} of {_one(shift[0])}"
     return "0, nothing subtracted" if shift is None else "any"

@@ -1,16 +1,17 @@
 """The theorem of the ledger: every hypothesis is proved here, in the order of the specification (docs/ledger.md)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from flint import nmod_mat
 
+from persid_check.definite import Definite, proof_of
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.assembly import Assembly, assemble
-from persid_check.ledger.definite import Definite, proof_of
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous
-from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Point, Row
+from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Map, Output, Point, Row
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 
@@ -69,7 +70,7 @@ def _numbers(ledger: Ledger) -> None:
         raise NotProvedError("level, input_bound", "a level is positive, a bound is not negative")
     if not regional and (ledger.strips or ledger.level or ledger.input_bound):
         raise NotProvedError("strips, level, input_bound", "only claim region has them")
-    if ledger.outputs and ledger.claim not in ("rate-and-gain", "region"):
+    if ledger.outputs is not None and ledger.claim not in ("rate-and-gain", "region"):
         raise NotProvedError("outputs", "they need the claim rate-and-gain or region")
     if ledger.model.is_discrete:
         _discrete_numbers(ledger)
@@ -303,18 +304,31 @@ def _spanning_row(ledger: Ledger, p: int, k: int, dropped: set[int]) -> Row:
 
 def _bounds(ledger: Ledger, matrices: Assembly) -> None:
     """The region lies inside its strips and is invariant; outputs are bounded by V."""
-    if ledger.claim != "region" and not ledger.outputs:
+    if ledger.claim != "region" and ledger.outputs is None:
         return
     bounding = proof_of(matrices.Pt, ledger.proof["V"])
     if bounding is None:
         raise NotProvedError("proof.V", "Pt is not proved positive definite")
     if ledger.claim == "region":
         _region(ledger, matrices, bounding)
-    for i, (output, bound) in enumerate(
-        zip(ledger.outputs, bounding.bounds([output.row for output in ledger.outputs]), strict=True)
-    ):
-        if bound > output.bound:
-            raise NotProvedError(f"outputs[{i}]", "the bound is not proved")
+    if ledger.outputs is not None:
+        _outputs(ledger.outputs.listed, bounding)
+
+
+def _outputs(outputs: Sequence[Output], bounding: Definite) -> None:
+    """c_i is at least C_i Pt^-1 C_i', and L_i s + h_i and L_i s - h_i do not fall."""
+    for i, (output, bound) in enumerate(zip(outputs, bounding.bounds([output.row for output in outputs]), strict=True)):
+        if bound > output.constant:
+            raise NotProvedError(f"outputs.constants[{i}]", "c V >= (C (x - x*))^2 is not proved from the bound of V")
+        if output.map is not None and (reason := _steeper(output.map)):
+            raise NotProvedError(f"outputs.lipschitz[{i}]", f"no proof that the map is nowhere steeper: {reason}")
+
+
+def _steeper(map: Map) -> str | None:
+    """Return where it is not proved that L s + h(s) and L s - h(s) are continuous and do not fall, or None."""
+    functions = ((map.h, _ONE),)
+    falls = (Lemma(functions, (map.L, sign), "nondecreasing").unproved(map.cuts, None) for sign in (_ONE, -_ONE))
+    return discontinuous(functions, map.cuts, None) or next((reason for reason in falls if reason), None)
 
 
 def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:

@@ -6,14 +6,14 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
+from persid_check.expression import Program
 from persid_check.ledger.lemmas import Cuts, Functions, is_odd, vanishes
 from persid_check.model import Model
+from persid_check.reading import Ball, Factor, Lower
 
 RISING = ("nondecreasing", "rising")
 
 Row = Mapping[int, Fraction]
-Factor = tuple[tuple[int, ...], ...]
-Lower = tuple[tuple[Fraction, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -111,21 +111,36 @@ class Deviation:
 
 
 @dataclass(frozen=True)
-class Output:
-    """y = row'x + direct'v with (row'x)^2 <= bound V."""
+class Map:
+    """An output map h that is nowhere steeper than L, by its cuts."""
 
-    row: Row
-    direct: tuple[Fraction, ...]
-    bound: Fraction
+    h: Program
+    L: Fraction
+    cuts: Cuts
 
 
 @dataclass(frozen=True)
-class Ball:
-    """Exactly one equilibrium for the constant input u lies in |x* - x|_inf <= radius."""
+class Output:
+    """y = h(row'x + direct'v + ...) with (row'x)^2 <= constant V."""
 
-    x: tuple[Fraction, ...]
-    radius: Fraction
-    u: tuple[Fraction, ...]
+    name: str
+    row: Row
+    direct: tuple[Fraction, ...]
+    constant: Fraction
+    map: Map | None
+
+    @property
+    def steepness(self) -> Fraction:
+        """The Lipschitz constant of h."""
+        return Fraction(1) if self.map is None else self.map.L
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The outputs of a model, and the hash of both."""
+
+    sha256: str
+    listed: tuple[Output, ...]
 
 
 @dataclass(frozen=True)
@@ -151,7 +166,7 @@ class Ledger:
     strips: tuple[tuple[Row, Fraction, Fraction], ...]
     level: Fraction
     input_bound: Fraction
-    outputs: tuple[Output, ...]
+    outputs: Outputs | None
     proof: Mapping[str, Factor]
 
     @property

@@ -12,7 +12,7 @@ from flint import arb, fmpq
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
-from persid_check.taylor import LOCAL, Series, least, somewhere, variable
+from persid_check.search.series import LOCAL, Series, least, somewhere, variable
 from persid_check.work import spend
 
 Curve = tuple[tuple[Program, Fraction], ...]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 
-from persid_check.network_claims import NetworkClaim, NetworkObstruction, NetworkSubject
-from persid_check.sentences import SHOWN, counted, decimal, input_names, marked
+from persid_check.networks.claims import NetworkClaim, NetworkObstruction, NetworkSubject
+from persid_check.words import SHOWN, counted, decimal, input_names, marked
 
 
 def _model(subject: NetworkSubject) -> str:

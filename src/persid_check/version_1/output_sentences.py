@@ -2,9 +2,9 @@
 
 from fractions import Fraction
 
-from persid_check.format import Stability
-from persid_check.outputs import Conclusions, Outputs
-from persid_check.sentences import SHOWN, decimal, input_names, root
+from persid_check.version_1.conclusions import Conclusions, Outputs
+from persid_check.version_1.format import Stability
+from persid_check.words import SHOWN, decimal, input_names, root
 
 
 def bounds(claim: Stability, outputs: Outputs) -> str:

@@ -3,16 +3,17 @@
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 
-from persid_check import sentences
+from persid_check.definite import is_positive_definite
 from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
-from persid_check.exact import MAX_EXPONENT, Matrix, diagonal, is_positive_definite, matrix
+from persid_check.exact import MAX_EXPONENT, Matrix, diagonal, matrix
 from persid_check.expression import Program
-from persid_check.format import Refutation
 from persid_check.model import Channel
-from persid_check.prover import prove_bounded, prove_bounded_below, prove_continuous, prove_nondecreasing
+from persid_check.refutations import sentences
+from persid_check.refutations.format import Refutation
 from persid_check.results import NotProvedError
-from persid_check.side import Curve
+from persid_check.search.prover import prove_bounded, prove_bounded_below, prove_continuous, prove_nondecreasing
+from persid_check.search.side import Curve
 
 INFLATION = Fraction(1, 2**60)  # an unstable equilibrium is proved so on a neighbourhood of its ball, however small
 

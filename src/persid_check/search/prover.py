@@ -17,7 +17,7 @@ from flint import ctx, fmpq
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
-from persid_check.side import (
+from persid_check.search.side import (
     BUDGET,
     EXPANSION,
     FINEST,

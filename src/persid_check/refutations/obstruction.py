@@ -6,16 +6,16 @@ A certificate needs Q < 0 on the entries kept, where Q = sum of generators times
 
 from fractions import Fraction
 
-from persid_check import sentences
-from persid_check.exact import Matrix, is_positive_definite, matrix
-from persid_check.format import GroupProof, Infeasibility
-from persid_check.inequality import flow_matrix
-from persid_check.model import Group
-from persid_check.prover import prove_continuous
+from persid_check.definite import is_positive_definite
+from persid_check.exact import Matrix, Number, matrix
+from persid_check.model import Group, Model
+from persid_check.refutations import sentences
+from persid_check.refutations.format import Forms, Obstruction
 from persid_check.results import NotProvedError
+from persid_check.search.prover import prove_continuous
 
 
-def prove_infeasibility(claim: Infeasibility) -> tuple[str, tuple[str, ...]]:
+def prove_obstruction(claim: Obstruction) -> tuple[str, tuple[str, ...]]:
     """Return the statement that is proved and the steps of its proof, or raise NotProvedError."""
     model = claim.subject.model
     for c, channel in enumerate(model.channels):
@@ -28,11 +28,11 @@ def prove_infeasibility(claim: Infeasibility) -> tuple[str, tuple[str, ...]]:
     return sentences.infeasibility(claim), sentences.infeasibility_steps(claim)
 
 
-def _lyapunov_matrix(claim: Infeasibility, GL: Matrix, states: Matrix) -> None:
+def _lyapunov_matrix(claim: Obstruction, GL: Matrix, states: Matrix) -> None:
     """P_ii for a diagonal P: (G X)_ii > 0; all of P: (G X)_xx + its transpose > 0."""
     GX = GL * states.T
     if claim.full:
-        if not is_positive_definite(GX + GX.T, claim.proof["P"]):
+        if not is_positive_definite(GX + GX.T, claim.factor):
             raise NotProvedError("proof.P", "(G X)_xx + its transpose is not proved positive definite")
         return
     for i in range(claim.subject.model.n):
@@ -40,11 +40,11 @@ def _lyapunov_matrix(claim: Infeasibility, GL: Matrix, states: Matrix) -> None:
             raise NotProvedError("L", f"the product with the generator of P[{i}] is not positive")
 
 
-def _forms(claim: Infeasibility, GL: Matrix, L: Matrix) -> None:
+def _forms(claim: Obstruction, GL: Matrix, L: Matrix) -> None:
     """mu of each form, tau of each pair of forms of a group, and of each pair (y, form)."""
     n = claim.subject.model.n
-    for g, (group, proof) in enumerate(zip(claim.subject.groups, claim.groups, strict=True)):
-        U = _rows(group, proof) * L.kept([*group.row, *(n + c for c, _ in group.members)], range(L.width))
+    for g, (group, forms) in enumerate(zip(claim.subject.groups, claim.forms, strict=True)):
+        U = _rows(group, forms) * L.kept([*group.row, *(n + c for c, _ in group.members)], range(L.width))
         row = matrix([[group.row.get(i, Fraction(0)) for i in range(n)]], n)
         gram, flows = (U * U.T).entries, (row * GL * U.T).entries
         for k in range(1, U.height):
@@ -55,8 +55,15 @@ def _forms(claim: Infeasibility, GL: Matrix, L: Matrix) -> None:
                 raise NotProvedError(where, "the product with the generator of a pair is not positive")
 
 
-def _rows(group: Group, proof: GroupProof) -> Matrix:
+def _rows(group: Group, forms: Forms) -> Matrix:
     """Return the rows N_g'e_0 (that is y) and N_g'l_k, on the entries of z that the group reads."""
     y = (Fraction(1), *[Fraction(0)] * len(group.members))
-    rows = [[*(form[0] * r for r in group.row.values()), *form[1:]] for form in (y, *proof.forms)]
+    rows = [[*(form[0] * r for r in group.row.values()), *form[1:]] for form in (y, *forms)]
     return matrix(rows, len(group.row) + len(group.members))
+
+
+def flow_matrix(model: Model) -> Matrix:
+    """Return G = [A0, all a_c]."""
+    columns = [channel.column for channel in model.channels]
+    rows: list[list[Number]] = [[*line, *(column[i] for column in columns)] for i, line in enumerate(model.A0)]
+    return matrix(rows, model.n + len(columns))

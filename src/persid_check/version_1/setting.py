@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from persid_check.format import GroupProof
 from persid_check.model import Group
-from persid_check.side import Curve, Domain, Shift
+from persid_check.search.side import Curve, Domain, Shift
+from persid_check.version_1.format import GroupProof
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,15 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from persid_check import companion, network_sentences
-from persid_check.cone import Vector, generators
+from persid_check import companion
 from persid_check.expression import ExpressionError, parse
-from persid_check.format import (
-    COMMON,
-    FORMAT,
+from persid_check.model import Model, holds_objects, sha256_of
+from persid_check.networks import sentences
+from persid_check.networks.claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
+from persid_check.networks.cone import Vector, generators
+from persid_check.networks.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
+from persid_check.networks.table import Table, doubtful, table_of, table_of_sparse
+from persid_check.reading import (
     MAX_FORMS,
     read_dyadic,
     read_dyadics,
@@ -21,15 +24,12 @@ from persid_check.format import (
     read_list,
     read_object,
     read_text,
-    require_fields,
+    read_written,
 )
-from persid_check.model import Model, canonical_model, model_of, sha256_of
-from persid_check.network_claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
-from persid_check.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
-from persid_check.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.results import FormatError, NotProvedError
-from persid_check.sparse import FILLED_STATES, SparseModel, is_sparse, read_sparse
-from persid_check.table import Table, doubtful, table_of, table_of_sparse
+from persid_check.search.prover import prove_continuous, prove_nondecreasing, prove_sector_form
+from persid_check.sparse import FILLED_STATES, SparseModel, read_sparse
+from persid_check.subject import COMMON, read_heading
 from persid_check.work import spend
 
 if TYPE_CHECKING:
@@ -57,10 +57,7 @@ def read_network(
         FormatError: anything is not as specified; the message names the place.
     """
     claim = data["claim"]
-    require_fields("file", data, FIELDS[claim])
-    if data["format"] != FORMAT:
-        raise FormatError("format", f'"{FORMAT}" is needed')
-    read_text("statement", data["statement"], 5000)
+    read_heading(data, FIELDS[claim])
     subject = _subject(claim, data, folder, arrays)
     if claim == "L1-infeasible":
         kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms", "rays"))
@@ -89,8 +86,8 @@ def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
     for k in left:
         _prove_decrease(k, nodes.column(k), rays[int(nodes.kind[k])], claim.weights, claim.kappa)
     gains, offset = _gains(claim)
-    statement = network_sentences.decrease(claim, gains, offset)
-    return statement, network_sentences.decrease_steps(claim, [len(found) for found in rays], how)
+    statement = sentences.decrease(claim, gains, offset)
+    return statement, sentences.decrease_steps(claim, [len(found) for found in rays], how)
 
 
 def _to_redo(claim: NetworkClaim, rays: Sequence[tuple[Vector, ...]]) -> tuple[Sequence[int], str]:
@@ -134,7 +131,7 @@ def prove_no_weights(claim: NetworkObstruction) -> tuple[str, tuple[str, ...]]:
             total[i] = total.get(i, Fraction(0)) + value * size
     if any(value < 0 for value in total.values()) or not (strict or any(total.values())):
         raise NotProvedError("z", "it is not true that M z >= 0 with M z or some z v_0 positive")
-    return network_sentences.no_weights(claim), network_sentences.no_weights_steps(claim)
+    return sentences.no_weights(claim), sentences.no_weights_steps(claim)
 
 
 def _prove_continuous(model: Model | SparseModel) -> None:
@@ -223,10 +220,9 @@ def _y(size: int) -> tuple[Fraction, ...]:
 
 
 def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: bytes | None) -> NetworkSubject:
-    read_text("model_sha256", data["model_sha256"], 64)
     form, entry = data["model"], data["companion"]
     arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
-    if is_sparse(form):
+    if holds_objects(form):
         sparse = read_sparse(form, arrays)
         _refuse_unpaid(data, arrays, sparse.n)
         if sparse.n <= FILLED_STATES:
@@ -234,9 +230,7 @@ def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: 
         if sha256_of(sparse.form()) != sha256_of(form):  # as texts: to Python 1 == True
             raise FormatError("model", "not the network form of the arrays in the companion")
         return NetworkSubject(claim, data["model_sha256"], form, sparse, table_of_sparse(sparse), arrays)
-    if canonical_model(form) != form:
-        raise FormatError("model", "not in canonical form")
-    model = model_of(form)
+    model = read_written(form)
     return NetworkSubject(claim, data["model_sha256"], form, model, nodes_of(model), arrays)
 
 

@@ -1,6 +1,7 @@
 """Positive definite, exactly: C = T M T' strictly diagonally dominant; and bounds of r'M^-1 r from the same C.
 
-Section 6 of the specification. T is untrusted: lower triangular rows of integers.
+Section 6 of the specification. T is untrusted: lower triangular rows of integers. As C > 0, T is nonsingular, and
+M = T^-1 C T^-T > 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,11 +10,10 @@ from fractions import Fraction
 
 from flint import fmpz_mat
 
-from persid_check.exact import Matrix, matrix
+from persid_check.exact import Matrix, Number, matrix
 from persid_check.work import spend
 
 Factor = Sequence[Sequence[int]]
-
 BITS = 192  # of a summand of a bound
 _ZERO = Fraction(0)
 
@@ -78,3 +78,8 @@ def proof_of(M: Matrix, T: Factor) -> Definite | None:
     if any(gap <= 0 for gap in gaps):
         return None
     return Definite(T, tuple(Fraction(gap, 1 << (top + C.exponent)) for gap in gaps))
+
+
+def is_positive_definite(M: Matrix | Sequence[Sequence[Number]], T: Factor) -> bool:
+    """Prove M > 0 exactly with an untrusted lower triangular integer T, whose row i has i + 1 entries."""
+    return proof_of(M if isinstance(M, Matrix) else matrix(M, len(M)), T) is not None

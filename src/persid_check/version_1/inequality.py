@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
-from persid_check.format import GroupProof, Lower, Stability
 from persid_check.model import Group, Model
+from persid_check.reading import Lower
+from persid_check.version_1.format import GroupProof, Stability
 
 Square = list[list[Fraction]]
 

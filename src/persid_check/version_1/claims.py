@@ -5,13 +5,11 @@ from fractions import Fraction
 
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-from persid_check import output_sentences, sentences
+from persid_check.definite import is_positive_definite
 from persid_check.equilibrium import has_unique_equilibrium
-from persid_check.exact import Matrix, blocks, diagonal, is_positive_definite
-from persid_check.format import WORDS, Stability
-from persid_check.inequality import Inequality, assemble, density, gamma_matrix, input_columns, quadratic_form
-from persid_check.outputs import NOTHING, Conclusions, prove_incremental, prove_outputs
-from persid_check.prover import (
+from persid_check.exact import Matrix, blocks, diagonal
+from persid_check.results import Accepted, NotProvedError
+from persid_check.search.prover import (
     prove_continuous,
     prove_integral_lower,
     prove_integral_unbounded,
@@ -22,9 +20,19 @@ from persid_check.prover import (
     prove_strict_sector_form,
     prove_strictly_increasing,
 )
-from persid_check.results import Accepted, NotProvedError
-from persid_check.setting import Setting
-from persid_check.side import Form, Shift
+from persid_check.search.side import Form, Shift
+from persid_check.version_1 import output_sentences, sentences
+from persid_check.version_1.conclusions import NOTHING, Conclusions, prove_incremental, prove_outputs
+from persid_check.version_1.format import WORDS, Stability
+from persid_check.version_1.inequality import (
+    Inequality,
+    assemble,
+    density,
+    gamma_matrix,
+    input_columns,
+    quadratic_form,
+)
+from persid_check.version_1.setting import Setting
 
 MAX_REGIONAL = 200  # states: an inverse is enclosed
 INVERSE_BITS = (192, 768, 3072)  # precisions of that enclosure, tried in this order

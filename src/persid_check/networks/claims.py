@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from persid_check.companion import Arrays, binary64
 from persid_check.model import Model
-from persid_check.nodes import Functions, Nodes
+from persid_check.networks.nodes import Functions, Nodes
+from persid_check.networks.table import Table
 from persid_check.sparse import SparseModel
-from persid_check.table import Table
 
 if TYPE_CHECKING:
     from numpy import ndarray

@@ -6,7 +6,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from persid_check.expression import is_linear, parse
-from persid_check.nodes import MAX_FUNCTIONS, Column, Functions, Nodes
+from persid_check.networks.nodes import MAX_FUNCTIONS, Column, Functions, Nodes
 from persid_check.results import NotProvedError
 from persid_check.sparse import Columns, SparseModel, SparseTerm
 

@@ -1,0 +1,47 @@
+"""Whether a certificate speaks of the model that is meant: of hashes alone."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from persid_check.model import model_sha256, sha256_of
+from persid_check.outputs import FORMAT as OUTPUT_FORMAT
+from persid_check.outputs import output_sha256
+from persid_check.results import NotProvedError
+
+
+@dataclass(frozen=True)
+class Meant:
+    """The hash of the model that is meant, and of that model with its outputs where it has some."""
+
+    model: str
+    outputs: str | None = None
+
+
+def meant(data: Any, folder: Path | None) -> Meant:
+    """Return the hashes of a `model.json`, which may have outputs.
+
+    Raises:
+        FormatError: it is not as specified; the message names the place.
+    """
+    if isinstance(data, dict) and data.get("format") == OUTPUT_FORMAT:
+        outputs = output_sha256(data, folder)
+        return Meant(model_sha256(data["dynamics"], folder), outputs)
+    return Meant(model_sha256(data, folder))
+
+
+def require_same(form: Mapping[str, Any], stated: str, wanted: Meant | None, outputs: str | None = None) -> None:
+    """Refuse a certificate that states a false hash, or is about another model; `outputs` is its hash of both.
+
+    Raises:
+        NotProvedError: it does.
+    """
+    if sha256_of(form) != stated:
+        raise NotProvedError("model_sha256", "it is not the hash of the model in the file")
+    if wanted is None:
+        return
+    if None not in (outputs, wanted.outputs) and outputs != wanted.outputs:
+        raise NotProvedError("model", "the certificate speaks of other outputs, or of another model")
+    if wanted.model != stated:
+        raise NotProvedError("model", "the certificate speaks of another model")

@@ -1,0 +1,26 @@
+"""One certificate of a network, or one obstruction to it, one answer."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from persid_check.identity import Meant, require_same
+from persid_check.networks.certificate import prove_network, prove_no_weights, read_network
+from persid_check.networks.claims import NetworkClaim
+from persid_check.results import Accepted
+from persid_check.work import allowance, limited
+
+
+def check_network(
+    data: Mapping[str, Any], size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None
+) -> Accepted:
+    """Return what is proved by a file of `size` bytes with its companion, in a folder or given, or raise.
+
+    Raises:
+        FormatError, NotProvedError: it is malformed, or not proved, or not about the model that is meant.
+    """
+    claim = read_network(data, folder, arrays)
+    require_same(claim.subject.form, claim.subject.sha256, wanted)
+    with limited(allowance(len(claim.kinds), size)):
+        statement, steps = prove_network(claim) if isinstance(claim, NetworkClaim) else prove_no_weights(claim)
+    return Accepted(claim.subject.claim, statement, steps)

@@ -1,0 +1,176 @@
+"""The entries of a certificate's JSON: each is read strictly, and what is not specified is refused with its place.
+
+A number is an integer or a dyadic [mantissa, exponent]. Nothing is expanded: what is read is as long as the file.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from persid_check.model import Model, canonical_model, model_of
+from persid_check.results import FormatError
+
+MAX_BITS = 2048  # of a mantissa
+MAX_EXPONENT = 2000
+MAX_FORMS = 128  # of a curve, a group or a kind
+MAX_ENTRIES = 2500  # of states and channels
+MAX_FACTOR_BITS = 512  # of an entry of T
+
+Factor = tuple[tuple[int, ...], ...]
+Lower = tuple[tuple[Fraction, ...], ...]  # lower rows of a symmetric matrix
+
+
+@dataclass(frozen=True)
+class Ball:
+    """The ball |x* - x|_inf <= radius in which exactly one equilibrium for the constant input u is claimed."""
+
+    x: tuple[Fraction, ...]
+    radius: Fraction
+    u: tuple[Fraction, ...]
+
+
+def require_fields(where: str, data: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Refuse an object that lacks a known field or has another one."""
+    for name in data:
+        if name not in known:
+            raise FormatError(where, f"unknown field {name[:60]!r}; known: {', '.join(known)}")
+    for name in known:
+        if name not in data:
+            raise FormatError(where, f"the field {name!r} is missing")
+
+
+def read_text(where: str, value: Any, longest: int) -> str:
+    """Return a text that is not too long."""
+    if not isinstance(value, str) or len(value) > longest:
+        raise FormatError(where, f"text of at most {longest} characters is needed")
+    return value
+
+
+def read_list(where: str, value: Any, size: int | None = None) -> list[Any]:
+    """Return a list, of a given length where one is given."""
+    if not isinstance(value, list) or (size is not None and len(value) != size):
+        raise FormatError(where, "a list is needed" if size is None else f"a list of {size} is needed")
+    return value
+
+
+def read_object(where: str, value: Any, known: Sequence[str]) -> dict[str, Any]:
+    """Return an object of exactly the known fields."""
+    if not isinstance(value, dict):
+        raise FormatError(where, f"an object with {', '.join(known)} is needed")
+    require_fields(where, value, known)
+    return value
+
+
+def read_integer(where: str, value: Any, bits: int) -> int:
+    """Return an integer of at most so many bits."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise FormatError(where, f"an integer is needed, not {str(value)[:40]!r}")
+    if value.bit_length() > bits:
+        raise FormatError(where, f"an integer of at most {bits} bits is needed")
+    return value
+
+
+def read_index(where: str, value: Any, size: int) -> int:
+    """Return an index into so many entries."""
+    index = read_integer(where, value, 64)
+    if not 0 <= index < size:
+        raise FormatError(where, f"an index from 0 to {size - 1} is needed, not {index}")
+    return index
+
+
+def read_dyadic(where: str, value: Any) -> Fraction:
+    """Return the number mantissa * 2**exponent of a pair."""
+    pair = read_list(where, value, 2)
+    mantissa, exponent = read_integer(where, pair[0], MAX_BITS), read_integer(where, pair[1], 64)
+    if abs(exponent) > MAX_EXPONENT:
+        raise FormatError(where, f"an exponent of at most {MAX_EXPONENT} is needed")
+    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
+
+
+def read_dyadics(where: str, values: Any, size: int | None) -> tuple[Fraction, ...]:
+    """Return a list of such numbers."""
+    return tuple(read_dyadic(f"{where}[{i}]", value) for i, value in enumerate(read_list(where, values, size)))
+
+
+def read_nonnegative(where: str, value: Any) -> Fraction:
+    """Return a dyadic that is at least 0."""
+    number = read_dyadic(where, value)
+    if number < 0:
+        raise FormatError(where, "a number that is not negative is needed")
+    return number
+
+
+def read_lower(where: str, rows: Any, size: int) -> Lower:
+    """Return the lower rows of a symmetric matrix."""
+    return tuple(read_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, rows, size)))
+
+
+def read_P(value: Any, n: int) -> tuple[bool, Lower]:
+    """Return whether P is diagonal, and its lower rows, of one entry where it is."""
+    if isinstance(value, dict) and set(value) == {"diagonal"}:
+        return True, tuple((entry,) for entry in read_dyadics("P.diagonal", value["diagonal"], n))
+    return False, read_lower("P.lower", read_object("P", value, ("lower",))["lower"], n)
+
+
+def read_gamma(value: Any, width: int) -> Fraction | Lower:
+    """Return gamma, or the lower rows of Gamma."""
+    if isinstance(value, dict):
+        return read_lower("gamma.lower", read_object("gamma", value, ("lower",))["lower"], width)
+    return read_dyadic("gamma", value)
+
+
+def read_dropped(value: Any, size: int) -> tuple[int, ...]:
+    """Return indices of entries, each once."""
+    entries = tuple(read_index(f"dropped[{i}]", entry, size) for i, entry in enumerate(read_list("dropped", value)))
+    if len(set(entries)) != len(entries):
+        raise FormatError("dropped", "an entry stands twice")
+    return entries
+
+
+def read_integers(where: str, values: Any, size: int) -> tuple[int, ...]:
+    """Return a row of a factor."""
+    return tuple(read_integer(where, value, MAX_FACTOR_BITS) for value in read_list(where, values, size))
+
+
+def read_factor(where: str, value: Any) -> Factor:
+    """Return a square lower triangular matrix of integers, by its rows."""
+    return tuple(read_integers(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, value)))
+
+
+def read_ball(where: str, value: Any, model: Model, u: tuple[Fraction, ...] | None = None) -> Ball:
+    """Return a ball with its input, or one for an input that is given."""
+    ball = read_object(where, value, ("x", "radius", "u") if u is None else ("x", "radius"))
+    x = read_dyadics(f"{where}.x", ball["x"], model.n)
+    radius = read_nonnegative(f"{where}.radius", ball["radius"])
+    return Ball(x, radius, read_dyadics(f"{where}.u", ball["u"], model.m) if u is None else u)
+
+
+def read_written(form: Any, *, discrete: bool = False) -> Model:
+    """Return a model that stands in canonical form, every number written out: nothing else is expanded.
+
+    One in discrete time only to callers that know what to do with it.
+    """
+    _refuse_unwritten(form)
+    if canonical_model(form) != form:
+        raise FormatError("model", "not in canonical form")
+    return model_of(form, discrete=discrete)
+
+
+def read_model(form: Any, *, discrete: bool = False) -> Model:
+    """Return such a model, of a size that one matrix can have."""
+    model = read_written(form, discrete=discrete)
+    if model.n + len(model.channels) > MAX_ENTRIES:
+        raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
+    return model
+
+
+def _refuse_unwritten(form: Any) -> None:
+    """Refuse null, sparse matrices and companions where a list of numbers belongs."""
+    form = form if isinstance(form, dict) else {}
+    terms = form.get("terms")
+    places = [("model", form, name) for name in ("x_ref", "u_ref", "A0", "B", "b", "terms")]
+    places += [(f"model.terms[{i}]", term, "A") for i, term in enumerate(terms if isinstance(terms, list) else [])]
+    for where, part, name in places:
+        if not isinstance(part, dict) or not isinstance(part.get(name), list):
+            raise FormatError(f"{where}.{name}", "it stands in the file as a list")

@@ -1,0 +1,1 @@
+"""Properties of functions proved by search, for files that carry no partition."""
