@@ -11,8 +11,8 @@ from scipy.integrate import cumulative_trapezoid
 
 from checker.expressions import odd_part
 from persid.models.functions import scalar_function
-from persid_check import prover
 from persid_check.expression import parse
+from persid_check.search import prover
 
 ONE = (Fraction(0), Fraction(1))
 

@@ -11,7 +11,10 @@ from checker import named
 from checker.maker import Wanted, data, dyadic, file, make, model
 from checker.test_network import file as network_file
 from checker.test_network import model as network_model
-from persid_check import Accepted, Rejected, check, model_sha256, network_sentences, sentences
+from persid_check import Accepted, Rejected, check, model_sha256, words
+from persid_check.networks import sentences as of_networks
+from persid_check.refutations import sentences as of_refutations
+from persid_check.version_1 import sentences as of_version_1
 
 HALF = Fraction(1, 2)
 
@@ -228,7 +231,9 @@ def corpus() -> str:
     return "\n".join("The model with " + said(content) for content in found)
 
 
-@pytest.mark.parametrize("module", [sentences, network_sentences], ids=lambda module: module.__name__)
+@pytest.mark.parametrize(
+    "module", [words, of_version_1, of_networks, of_refutations], ids=lambda module: module.__name__
+)
 def test_every_text_of_the_sentences_is_printed_by_an_example(module) -> None:
     """Each piece of text in the modules that word the sentences stands in what these examples print."""
     nodes = list(ast.walk(ast.parse(Path(module.__file__).read_text())))

@@ -6,8 +6,9 @@ import pytest
 
 from checker import named
 from checker.maker import data
-from persid_check import Accepted, Rejected, check, prover, work
+from persid_check import Accepted, Rejected, check, work
 from persid_check.expression import parse
+from persid_check.search import prover
 
 
 def spent(name: str) -> int:
