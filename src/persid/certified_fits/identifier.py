@@ -136,6 +136,10 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         """
         _check_options(self)
         estimator = PersidskiiIdentifier() if self.estimator is None else self.estimator
+        if estimator.time == "discrete":
+            raise DataError(
+                'a fit under the certificate is one in continuous time; certify the model of time="discrete"'
+            )
         given = {"X": X, "y": y, "u": u, "t": t, "dt": dt}
         self.free_ = clone(estimator).fit(**given)
         data = self.free_._known(X, u=u, t=t, dt=dt)

@@ -91,6 +91,7 @@ def run(
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.measurements.recordings import without_still_inputs
+    from persid.measurements.strides import strided
     from persid.reports import layout
     from persid.reports.comparison import (
         alternative_rows,
@@ -131,10 +132,11 @@ def run(
         read = read_measurements(found, **how)
         refuse_constant(read, _name(found))
         given = without_still_inputs(read)
-        measured = embedded(given, **states)
+        measured = appended = embedded(given, **states)
         progress("identifying the model")
         fit = _identify(given, functions=functions, ridge=ridge, method=method, refine=refine, **chosen)
         keep(fit.model_)
+        measured, usual = strided(measured, fit.stride_), usual and not fit.model_.is_discrete
         asked = question(operating_point, u_op, domain, time_limit, rate)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         shared: dict[str, Any] = {"time_limit": time_limit, "progress": progress, "rate": rate}
@@ -153,7 +155,9 @@ def run(
         diagnosis = after(advise(fit, given, known, progress), how["delay"])
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         tested = sources(files_of(list(test))) if test else ()
-        record = Record(_command(), sources(found), {**how, **states}, fit.report_, *facts, tested, diagnosis)
+        record = Record(
+            _command(), sources(found), {**how, **states, "stride": fit.stride_}, fit.report_, *facts, tested, diagnosis
+        )
         progress("drawing the report")
         held = kept_out if test else held_out(measured, made.scores)
         proof = write_folder(output, Results(made.model, verdict, measured, record, held), made.alternative)
@@ -161,7 +165,7 @@ def run(
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
     report = fit.report_
-    rows = [*_data_rows(found, measured), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
+    rows = [*_data_rows(found, appended), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
     within = measured_margin(verdict, measured, fit.hold)
     beside = cautions(verdict, made.scores, measured, made.model, fit.hold)
     rows += [*_remarks(report), *advice_rows(diagnosis), *verdict_rows(verdict, rate)]

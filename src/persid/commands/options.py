@@ -235,6 +235,10 @@ fitting = together(
                       "to certify and fits less well."),
     click.option("--method", type=click.Choice(METHODS), default="weak", show_default=True,
                  help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
+    click.option("--discrete", is_flag=True,
+                 help="Discrete time: the state one step later, straight from samples, without a logarithm."),
+    click.option("--stride", type=Given(Count("samples")), default="auto", show_default=True,
+                 help="Samples of one step in discrete time; auto chooses by free runs."),
     click.option("--hold", type=click.Choice(["zoh", "paper"]), default="zoh", show_default=True,
                  help="Inputs are held from sample to sample, or vary between samples."),
     appending,
@@ -254,13 +258,14 @@ fitting = together(
     click.option("--allow-underdetermined", is_flag=True,
                  help="Take the smallest of many exact fits instead of refusing."),
 )  # fmt: skip
-FIT_OPTIONS = ("hold", "derivatives", "delays", "window", "x_ref", "scale", "constant", "pattern", "shared",
+FIT_OPTIONS = ("stride", "hold", "derivatives", "delays", "window", "x_ref", "scale", "constant", "pattern", "shared",
                "velocities", "allow_underdetermined")  # fmt: skip
 
 
 def fit_options(how: dict[str, Any]) -> dict[str, Any]:
     """Take the options of a fit that commands hand through out of all options."""
-    return {name: how.pop(name) for name in FIT_OPTIONS}
+    time = "discrete" if how.pop("discrete") else "continuous"
+    return {"time": time, **{name: how.pop(name) for name in FIT_OPTIONS}}
 
 
 refining = together(

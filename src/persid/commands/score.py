@@ -81,7 +81,9 @@ def unseen_output_scores(model: "OutputModel", files: Sequence[Path], **how: Any
 def unseen_scores(model: "PersidskiiModel", measured: "Trajectories", basis: str, hold: str = "zoh") -> "Scores":
     """Return the scores of a model on measurements that its fit has not seen."""
     from persid.identification.scores import Record, held_out_scores
+    from persid.measurements.strides import at_steps
 
+    measured = measured if model.dt is None else at_steps(measured, model.dt)
     return held_out_scores(model, measured, Record.of(measured), hold=hold, basis=basis)
 
 

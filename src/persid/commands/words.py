@@ -10,7 +10,7 @@ OPTIONS = {
         "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
         "shared", "velocities", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine",
         "operating_point", "u_op", "delay", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
-        "neurons", "activation", "min_rate", "max_output_gain", "measured",
+        "neurons", "activation", "min_rate", "max_output_gain", "measured", "stride",
     )
 } | {"run": "--run-column", "output": "--output-map"}  # fmt: skip
 ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")
@@ -20,7 +20,8 @@ KEYS = ("notes", "warnings", "caution", "error", "reason")
 
 def spoken(text: str) -> str:
     """Return a sentence of the library as the command line says it: missing="drop" becomes --missing drop."""
-    return ARGUMENT.sub(_option, text).replace('scope="regional"', "--domain data")
+    text = text.replace('time="discrete"', "--discrete").replace('scope="regional"', "--domain data")
+    return ARGUMENT.sub(_option, text)
 
 
 def _option(match: re.Match[str]) -> str:

@@ -15,8 +15,8 @@ from sklearn.base import clone
 from persid.errors import PersidError
 from persid.identification import suspicions
 from persid.identification.derivatives import embedded, velocity_names
-from persid.identification.identifier import HOLDS
 from persid.identification.increments import best_product, dead_times
+from persid.identification.options import HOLDS
 from persid.identification.scores import Ahead, Record, Scores, held_out_scores, hold_out
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings, without_still_inputs
@@ -123,6 +123,9 @@ def advise(
         >>> print(ps.advise(ps.PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-4).fit(data), data))
         nothing to mend: the fit foretells what was held out
     """
+    if fit.time == "discrete":
+        steps = Advice("steps", "in discrete time no remedies are tried; a fit in continuous time would be")
+        return Diagnosis() if _is_good(fit, scores) else Diagnosis(findings=(steps,))
     looked_at = without_still_inputs(beginnings(data, LONGEST, MOST_RUNS))
     work = embedded(looked_at, fit.derivatives, fit.delays)
     base = fit.on_appended()

@@ -41,6 +41,8 @@ class Basis:
     Paper: eq:basis_functions_selected (Sec. 4.1).
 
     `terms[j][i]` is the j-th nonlinear function of state i, or None; `linear[i]` says whether x_i itself is a column.
+    With a step `dt` (s) coefficients are those of what x moves by in a step; of a state that is no column itself, those
+    of x+ - x_ref.
     Columns stand in the order: linear, functions (term by term, state by state), inputs, constant.
     """
 
@@ -51,6 +53,7 @@ class Basis:
     x_ref: Float[ndarray, " n"]
     u_ref: Float[ndarray, " m"]
     scale: Float[ndarray, " n"]
+    dt: float | None = None
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
@@ -134,12 +137,22 @@ class Basis:
         """State of each column that depends on x."""
         return np.array([column.state for column in self.columns[: self.state_columns]], dtype=int)
 
+    @property
+    def _identity(self) -> Float[ndarray, "n n"]:
+        """What A0 holds beside coefficients: in discrete time the identity, for states that are columns."""
+        return np.diag(np.array(self.linear, float)) * (self.dt is not None)
+
+    def kept(self, x: Float[ndarray, "*N n"]) -> Float[ndarray, "*N n"]:
+        """Return what coefficients of a step are relative to: x itself, or x_ref where it is no column."""
+        return np.asarray(np.where(self.linear, x, self.x_ref))
+
     def model(self, theta: Float[ndarray, "p n"], **more: Any) -> PersidskiiModel:
-        """Return the model with x' = theta' columns; `more` goes to PersidskiiModel (domain, provenance)."""
+        """Return the model with x', or x+ - x, = theta' columns; `more` goes to PersidskiiModel."""
         n, m = len(self.states), len(self.inputs)
         A0 = np.zeros((n, n))
         k = len(self._linear)
         A0[:, self._linear] = theta[:k].T
+        A0 += self._identity
         terms: list[tuple[Any, Any, ndarray]] = []
         for states, _ in self._places:
             f = [term.text for i in states if (term := self.terms[len(terms)][i])]
@@ -147,13 +160,20 @@ class Basis:
             R = None if unscaled else (np.eye(n) / self.scale)[states]
             terms.append((f[0] if len(set(f)) == 1 else f, R, theta[k : k + len(states)].T))
             k += len(states)
-        names = {"states": self.states, "inputs": self.inputs}
+        names: dict[str, Any] = {"states": self.states, "inputs": self.inputs}
+        if self.dt is not None:
+            names |= {"time": "discrete", "dt": self.dt}
         B, b = theta[k : k + m].T, theta[k + m]
-        return PersidskiiModel(A0, terms, B, b, self.x_ref, self.u_ref, **names, **more)  # type: ignore[arg-type]
+        return PersidskiiModel(A0, terms, B, b, self.x_ref, self.u_ref, **names, **more)
 
     def coefficients(self, model: PersidskiiModel) -> Float[ndarray, "p n"]:
         """Return theta of a model that `model` made (or one of the same terms, x_ref, scales and names)."""
-        parts = [model.A0.T[self._linear], *(term.A.T for term in model.terms), model.B.T, model.b[None]]
+        parts = [
+            (model.A0 - self._identity).T[self._linear],
+            *(term.A.T for term in model.terms),
+            model.B.T,
+            model.b[None],
+        ]
         theta = np.vstack(parts)
         if theta.shape[0] != self.size:
             raise ModelError(f"the model has {theta.shape[0]} rows of coefficients; this basis has {self.size}")

@@ -122,7 +122,8 @@ def conditioning(gram: Gram, theta: Float[ndarray, "p n"]) -> Conditioning:
     sizes = np.sqrt(np.maximum(gram.yy, np.finfo(float).tiny) / max(gram.rows, 1))
     share = np.abs(theta) * gram.weights[:, None] / sizes
     j, i = np.unravel_index(int(share.argmax()), share.shape)
-    name = f"{columns[j].name} in d({gram.basis.states[i]})/dt"
+    state = gram.basis.states[i]
+    name = f"{columns[j].name} in " + (f"d({state})/dt" if gram.basis.dt is None else f"{state}[k+1]")
     return Conditioning(
         rank, condition_number(gram.G), condition_number(scaled), _collinear(gram), constant, float(share[j, i]), name
     )

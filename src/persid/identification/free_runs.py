@@ -227,13 +227,16 @@ def _batch_rhs(basis: Basis, thetas: ndarray) -> Rate:
 
     def rhs(x: ndarray, u: ndarray) -> ndarray:
         forced = np.matmul((u - basis.u_ref)[:, None], of_input)[:, 0] if basis.inputs else 0.0
-        return np.asarray(np.matmul(basis.values(x)[:, None], of_state)[:, 0] + forced + constant)
+        moved = np.asarray(np.matmul(basis.values(x)[:, None], of_state)[:, 0] + forced + constant)
+        return moved if basis.dt is None else basis.kept(x) + moved
 
     return rhs
 
 
 def _substeps(basis: Basis, thetas: ndarray, x: ndarray, h: float) -> int:
-    """Count the steps a sample needs for |eigenvalue| step < 1, by the median candidate."""
+    """Count the steps a sample needs for |eigenvalue| step < 1, by the median candidate; 0 in discrete time."""
+    if basis.dt is not None:
+        return 0
     slopes = basis.slopes(x)
     rates = np.zeros((len(x), len(basis.states)))
     np.add.at(rates.T, basis.owner, np.abs(slopes.T * np.abs(thetas[:, : len(basis.owner)]).max(axis=2).T))

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from typing import Any, cast
 
@@ -15,12 +16,14 @@ from sklearn.utils.validation import check_is_fitted
 from persid.errors import DataError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
-from persid.identification.basis import Functions
+from persid.identification.basis import Basis, Functions
 from persid.identification.derivatives import embedded, refuse_constant, velocity_names
 from persid.identification.diagnostics import FitReport
-from persid.identification.estimators import METHODS, estimator
+from persid.identification.estimators import estimator
 from persid.identification.gram import Gram, refuse_underdetermined
 from persid.identification.koopman import sample_step
+from persid.identification.options import check_options, refuse_in_memory_only
+from persid.identification.recursion import RECURSION, choose_stride
 from persid.identification.regressions import Estimator, Options, Problem, Solution, sparse_coefficients
 from persid.identification.scaling import choose_basis
 from persid.identification.scores import Record, Scores, held_out_scores
@@ -44,11 +47,12 @@ from persid.measurements.recordings import (
     segments,
     without_still_inputs,
 )
+from persid.measurements.strides import side_by_side, strided
 from persid.measurements.trajectories import Trajectories
 from persid.models.equations import equations
 
 FUNCTIONS = ("x", "x**3", "sinh(x)", "tanh(x)")
-HOLDS = ("zoh", "paper")
+_STEPS = "discrete time: a step is {stride} sample(s), {dt:.4g} s"
 FALLBACK_RIDGE = 1e-3  # where a single short run leaves nothing to validate on
 _OUT_OF_CORE = (
     "read chunk by chunk, {size}: moments and sums are over all samples; the window is chosen on the beginnings of at "
@@ -83,11 +87,13 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     refine: whether to polish the coefficients by least squares through the differential equation.
     lifting: more lifting functions for "edmd", expressions in x, or a function of x (N, n) and u (N, m) that returns
         columns.  gamma: "coordinates" or "literal" [eq:Gamma_cal].
+    time: "continuous", or "discrete": x+ in place of x', straight from samples; method, window, hold, velocities and
+        refine then play no part.  stride: the samples of one step of that model; "auto" is chosen by free runs.
     holdout: the share of every run that is held out for the scores of `report_`.
     allow_underdetermined: whether to return the smallest of many exact fits instead of refusing.
 
-    After `fit`: model_, report_, gram_, coef_ (n, p), basis_, velocities_ (those whose equations are known),
-    n_features_in_, n_states_in_, n_inputs_in_.
+    After `fit`: model_, report_, gram_, coef_ (n, p), basis_, velocities_ (those whose equations are known), stride_
+    (samples of a step, 1 in continuous time), n_features_in_, n_states_in_, n_inputs_in_.
 
     Examples:
         >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
@@ -116,6 +122,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         refine: bool = False,
         lifting: Sequence[str] | Callable[[ndarray, ndarray], Any] = (),
         gamma: str = "coordinates",
+        time: str = "continuous",
+        stride: int | str = "auto",
         holdout: float | int = 0.2,
         allow_underdetermined: bool = False,
     ) -> None:
@@ -136,6 +144,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.refine = refine
         self.lifting = lifting
         self.gamma = gamma
+        self.time = time
+        self.stride = stride
         self.holdout = holdout
         self.allow_underdetermined = allow_underdetermined
 
@@ -153,13 +163,14 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             UnderdeterminedError: fewer samples than unknown coefficients.
             GeneratorError: the Koopman matrix has no trustworthy logarithm (method="edmd").
         """
-        _check_options(self)
+        check_options(self)
         refuse_target(None if self._estimator.slopes else y)
         given, notes = self._measured(X, u, t, dt)
         refuse_constant(given)
         measured = without_still_inputs(given)
         data = self._embedded(measured)
-        problem = self._problem(data, y)
+        self.stride_ = self._strides(data)
+        problem = self._problem(data, y, self.stride_)
         solution = self._solve(problem)
         self._remember(given, X)
         self._moving = [given.inputs.index(name) for name in measured.inputs]
@@ -167,7 +178,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.blocks_ = tuple(solution.blocks.values())
         self.ridge_, self.velocities_ = solution.ridge, self._velocities(data)
         self.coef_ = solution.theta.T
-        self.report_ = self._report(problem, solution, (*data.notes, *notes))
+        steps = (_STEPS.format(stride=self.stride_, dt=problem.basis.dt),) if problem.basis.dt is not None else ()
+        self.report_ = self._report(problem, solution, (*data.notes, *notes, *steps))
         self.model_ = problem.basis.model(
             solution.theta, domain=problem.box, provenance=_provenance(self, measured, self.report_)
         )
@@ -177,13 +189,13 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         """Return the data of a fit, in memory or not."""
         if not is_large(X):
             return as_trajectories(X, u, t, dt), ()
-        _refuse_in_memory_only(self)
+        refuse_in_memory_only(self)
         found = recordings_of(X, u, t, dt)
         return found, (_OUT_OF_CORE.format(size=found),)
 
     def on_appended(self) -> "PersidskiiIdentifier":
-        """Return an unfitted copy of a fit for data to whose states its velocities and delays are appended already."""
-        copy = clone(self).set_params(derivatives=0, delays=0, velocities=self.velocities_)
+        """Return an unfitted copy of a fit for data as `seen` returns them: states appended, one sample a step."""
+        copy = clone(self).set_params(derivatives=0, delays=0, velocities=self.velocities_, stride=1)
         return cast(PersidskiiIdentifier, copy)
 
     def _embedded(self, measured: Measurements) -> Measurements:
@@ -192,23 +204,48 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     def _appended(self, measured: Trajectories) -> Trajectories:
         return embedded(measured, self.derivatives, self.delays)
 
+    def seen(self, measured: Trajectories) -> Trajectories:
+        """Return measurements as the fitted model sees them: states appended, and one sample for each of its steps."""
+        check_is_fitted(self, "model_")
+        return strided(self._appended(measured), self.stride_)
+
+    def _strides(self, data: Measurements) -> int:
+        """Return the samples of a step: one in continuous time; given, or chosen."""
+        if self.time == "continuous" or not isinstance(data, Trajectories):
+            return 1
+        if self.stride != "auto":
+            return int(self.stride)
+        return choose_stride(data, partial(self._problem, data, None), self.hold)
+
     @property
     def _estimator(self) -> Estimator:
-        return estimator(self.method)
+        return RECURSION if self.time == "discrete" else estimator(self.method)
 
     def _options(self, y: Any = None) -> Options:
         embedded = bool(self.derivatives or self.delays)
         return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded)
 
-    def _problem(self, data: Measurements, y: Any) -> Problem:
+    def _problem(self, data: Measurements, y: Any, stride: int = 1) -> Problem:
+        if self.time == "discrete" and isinstance(data, Trajectories):
+            return self._stepped_problem(data, stride)
         basis = choose_basis(data, self.functions, self.x_ref, self.scale)
         structure = make_structure(basis, self.pattern, self.shared, self.constant, self._velocities(data))
         parts = partition(data, self.holdout)
         regression = self._estimator.regression(data, basis, parts, self._options(y))
-        number = int(np.clip(MOST_NUMBERS / basis.size**2, FOLDS + 1, BLOCKS))
-        return Problem(data, basis, structure, parts, blocks(parts, number), regression)
+        return Problem(data, basis, structure, parts, blocks(parts, _blocks(basis)), regression)
+
+    def _stepped_problem(self, data: Trajectories, stride: int) -> Problem:
+        """Return the problem of a recursion: scored on every stride-th sample, fitted to all of them."""
+        seen = strided(data, stride)
+        basis = choose_basis(seen, self.functions, self.x_ref, self.scale, stride * sample_step(data))
+        structure = make_structure(basis, self.pattern, self.shared, self.constant, {})
+        parts = partition(seen, self.holdout)
+        regression = self._estimator.regression(side_by_side(data, stride), basis, parts, self._options())
+        return Problem(seen, basis, structure, parts, blocks(parts, _blocks(basis)), regression)
 
     def _velocities(self, data: Measurements) -> dict[str, str]:
+        if self.time == "discrete":
+            return {}
         if self.velocities != "auto":
             return dict(self.velocities or {})
         measured = data.states[: len(data.states) // (1 + self.derivatives + self.delays)]
@@ -268,7 +305,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         moved = diagnostics.excitation(data, gram)
         free, step, white, foretold = _tail_scores(problem, solution, self.hold)
         return FitReport(
-            method=self.method,
+            method="one-step" if self.time == "discrete" else self.method,
             hold=self.hold,
             window=problem.regression.window,
             rows=gram.rows,
@@ -299,7 +336,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             self.feature_names_in_ = np.array(measured.states, dtype=object)
 
     def _known(self, X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Trajectories:
-        """Return data for a fitted estimator: the same states and inputs, embedded like those of the fit."""
+        """Return data for a fitted estimator: the same states and inputs, seen like those of the fit."""
         check_is_fitted(self, "model_")
         if is_large(X):
             raise DataError("predictions and scores need the data in memory; give some of the runs as Trajectories")
@@ -310,10 +347,13 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
                 f"X has {given[0]} features, but {type(self).__name__} is expecting {self.n_states_in_} features as "
                 f"input; inputs: {given[1]} given, {self.n_inputs_in_} expected"
             )
-        return self._appended(data.with_inputs([data.inputs[k] for k in self._moving]))
+        return self.seen(data.with_inputs([data.inputs[k] for k in self._moving]))
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
-        """Return, for every sample, the state one step later (all runs one below the other)."""
+        """Return, for every sample, the state one step later (all runs one below the other).
+
+        In discrete time these are the samples at the steps of the model.
+        """
         data = self._known(X, u, t, dt)
         return np.concatenate([freerun.one_step(self.model_, run, self.hold) for run in data])
 
@@ -387,29 +427,9 @@ def _provenance(estimator: PersidskiiIdentifier, data: Measurements, report: Fit
     figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
     if report.free_run is not None:
         figures |= {"free_run_rmse": report.free_run.rmse, "free_run_r2": report.free_run.r2_mean}
-    return {"persid": _version(), "method": estimator.method, "data_sha256": _digest(data), **figures}
+    return {"persid": _version(), "method": report.method, "data_sha256": _digest(data), **figures}
 
 
-def _check_options(estimator: PersidskiiIdentifier) -> None:
-    for name, allowed in (("method", METHODS), ("hold", HOLDS), ("gamma", ("coordinates", "literal"))):
-        if getattr(estimator, name) not in allowed:
-            raise DataError(f"{name}={getattr(estimator, name)!r}; choose one of {', '.join(allowed)}")
-    ridge, window = estimator.ridge, estimator.window
-    if ridge != "auto" and (isinstance(ridge, str) or not (np.isfinite(ridge) and ridge >= 0)):
-        raise DataError(f'ridge={ridge!r}; needed is "auto" or a number >= 0')
-    if window != "auto" and (isinstance(window, str) or window < 2 or int(window) % 2):
-        raise DataError(f'window={window!r}; needed is "auto" or an even number of samples (Simpson\'s rule)')
-    if not 0 <= estimator.holdout <= 0.5:
-        raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
-    if estimator.threshold is not None and not 0 <= estimator.threshold < 1:
-        raise DataError(f"threshold={estimator.threshold!r}; needed is None or a share in [0, 1)")
-    if not estimator._estimator.lifts and (callable(estimator.lifting) or list(estimator.lifting)):
-        raise DataError('lifting= is for method="edmd"; give functions= otherwise')
-
-
-def _refuse_in_memory_only(estimator: PersidskiiIdentifier) -> None:
-    """Raise DataError where an option needs all samples at once."""
-    wrong = [name for name in ("derivatives", "delays", "refine") if getattr(estimator, name)]
-    wrong += [f'method="{estimator.method}"'] if estimator._estimator.in_memory else []
-    if wrong:
-        raise DataError(f'{", ".join(wrong)}: needs the data in memory; use method="weak" or "edmd" without it')
+def _blocks(basis: Basis) -> int:
+    """Return how many sums a fit keeps."""
+    return int(np.clip(MOST_NUMBERS / basis.size**2, FOLDS + 1, BLOCKS))

@@ -340,7 +340,7 @@ def _refusal(why: str, values: ndarray, dt: float) -> str:
     return (
         f"the Koopman matrix has no trustworthy logarithm: {why}. Spectrum: {spectrum_in_words(values, dt)}. "
         'Try hold="zoh" where inputs are held, fewer functions (functions=["x"]), a shorter sampling step, or '
-        'method="weak", which needs no logarithm'
+        'method="weak" or time="discrete", which need no logarithm'
     )
 
 

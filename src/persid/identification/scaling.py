@@ -5,12 +5,15 @@ Where somebody wrote the law of the plant, that scale is wrong: sin(2 x) is no m
 the same windows of the data, and what was written is taken where it leaves a hundredth of the residual.
 """
 
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from persid.identification.basis import Basis, Functions, is_auto, make_basis
 from persid.identification.increments import increments, left_over
+from persid.identification.recursion import moves
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings
 
@@ -19,22 +22,24 @@ MOST_COLUMNS = 100  # a larger basis is not tried twice
 LONGEST = 2000  # samples of a run, of at most 20, that are looked at
 
 
-def choose_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto") -> Basis:
-    """Return the basis with the automatic scales, or with scale 1 where that is exact.
+def choose_basis(
+    data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto", dt: float | None = None
+) -> Basis:
+    """Return the basis with the automatic scales, or with scale 1 where that is exact; of a step where dt is given.
 
     Raises:
         DataError: functions, x_ref or scale do not fit the states.
     """
-    scaled = make_basis(data, functions, x_ref, scale)
+    scaled = replace(make_basis(data, functions, x_ref, scale), dt=dt)
     if not is_auto(scale) or (scaled.scale == 1).all() or not scaled.terms or scaled.size > MOST_COLUMNS:
         return scaled
     looked_at = beginnings(data, LONGEST)
-    window = choose_window(looked_at)
-    best, left = scaled, EXACT * left_over(*increments(looked_at, scaled, window))
+    seen = moves if dt is not None else partial(increments, window=choose_window(looked_at))
+    best, left = scaled, EXACT * left_over(*seen(looked_at, scaled))
     for reference in ["auto", 0.0] if is_auto(x_ref) and scaled.x_ref.any() else [x_ref]:
-        written = make_basis(data, functions, reference, 1.0)
+        written = replace(make_basis(data, functions, reference, 1.0), dt=dt)
         with np.errstate(all="ignore"):
-            residual = left_over(*increments(looked_at, written, window))
+            residual = left_over(*seen(looked_at, written))
         if residual < left:
             best, left = written, EXACT * residual
     return best

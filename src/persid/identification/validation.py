@@ -107,11 +107,12 @@ def tail(data: Measurements, parts: Sequence[Part], longest: int, most: int) -> 
 
 
 def validation_curve(
-    data: Measurements, parts: Sequence[Part], grams: Mapping[int, Gram], limits: Float[ndarray, "n 2"], hold: str
-) -> Curve | None:
+    data: Measurements, parts: Sequence[Part], grams: Mapping[int, Gram], limits: Float[ndarray, "n 2"], hold: str,
+    whole: bool = False,
+) -> Curve | None:  # fmt: skip
     """Return the free-run error on left-out blocks for every ridge strength, or None without two blocks.
 
-    `grams` are those of the folds.
+    `grams` are those of the folds. With `whole` the longest free runs alone count.
     """
     train = {fold: gram for fold, gram in grams.items() if fold >= 0}
     chosen = [part for part in parts if part.fold >= 0 and part.stop - part.start >= SHORTEST]
@@ -125,7 +126,7 @@ def validation_curve(
             paths[fold] = rest.path(STRENGTHS)
     chosen = [part for part in chosen if part.fold in paths]
     worth = _worth(data, limits)
-    logs, out, horizons = [], [], _horizons(chosen, everything)
+    logs, out, horizons = [], [], _horizons(chosen, everything)[-whole:]
     for steps in horizons:
         cut = _pieces(chosen, steps, everything)
         thetas = np.stack([paths[part.fold] for part in cut])

@@ -21,6 +21,7 @@ from persid.verdicts.verdict import Certified, Verdict
 PAIRS, GROUPS = 3, 6  # at most so many planes and groups are drawn
 CHALLENGERS, SEED = 8, 0  # simulations from other starts that are set against a bound
 MOST_STATES = 20  # up to which they are made
+MOST_STEPS = 2000  # of a model in discrete time, in one run
 STEPS = 400
 
 
@@ -80,7 +81,7 @@ def _escape(verdict: Verdict, model: PersidskiiModel) -> Trajectory | None:
     evidence = getattr(verdict, "evidence", None)
     if evidence is None or not evidence.time or model.n > MOST_STATES:
         return None
-    return model.simulate(evidence.x0, np.linspace(0, evidence.time, STEPS))[0]
+    return model.simulate(evidence.x0, times(model, 0.0, evidence.time))[0]
 
 
 def _portrait(
@@ -169,11 +170,19 @@ def _kick(certificate: Certificate) -> list[FreeRun]:
             certificate.bound(start, 0.0, [0.0])
         except PersidError:  # outside the certified region
             continue
-        t = np.linspace(0, min(3 / certificate.rate, 1e6), STEPS)
-        u = np.tile(nominal_input(certificate), (STEPS, 1))
+        t = times(model, 0.0, min(3 / certificate.rate, 1e6))
+        u = np.tile(nominal_input(certificate), (len(t), 1))
         run = model.simulate(start, t, u)[0]
         return [FreeRun(1, run, run, 0.0, 1.0)]
     return []
+
+
+def times(model: PersidskiiModel, start: float, stop: float) -> ndarray:
+    """Return times in s to simulate at: STEPS of them, or at most MOST_STEPS steps of a model in discrete time."""
+    if model.dt is None:
+        return np.linspace(start, stop, STEPS)
+    count = int(np.clip(round((stop - start) / model.dt), 1, MOST_STEPS))
+    return np.asarray(start + model.dt * np.arange(count + 1))
 
 
 def nominal_input(certificate: Certificate | NetworkCertificate) -> ndarray:
@@ -186,12 +195,12 @@ def challengers(certificate: Certificate, run: Trajectory) -> Iterator[Trajector
     model, rng = certificate.model, np.random.default_rng(SEED)
     if model.n > MOST_STATES or certificate.rate is None:
         return
-    size, t = plots.largest_input(certificate, run), np.linspace(run.t[0], run.t[-1], STEPS)
+    size, t = plots.largest_input(certificate, run), times(model, float(run.t[0]), float(run.t[-1]))
     for k in range(CHALLENGERS):
         start = _on_level(certificate, run.x[0], rng.normal(size=model.n))
         push = rng.normal(size=model.m)
         push *= size * (1 - 1e-9) / max(float(np.linalg.norm(push)), 1e-300)
-        switches = np.where(np.arange(STEPS) * (k + 1) // STEPS % 2, -1.0, 1.0)
+        switches = np.where(np.arange(len(t)) * (k + 1) // len(t) % 2, -1.0, 1.0)
         try:
             certificate.bound(start, size, [0.0])
         except PersidError:  # outside the certified region

@@ -10,6 +10,7 @@ from persid.identification.derivatives import embedded
 from persid.identification.scores import Scores, hold_out
 from persid.measurements.readers import read_measurements
 from persid.measurements.readers.sources import sha256
+from persid.measurements.strides import strided
 from persid.measurements.trajectories import Trajectories
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
@@ -75,5 +76,5 @@ def _read_again(sources: Sequence[Source], reading: Mapping[str, Any], inputs: S
     if not paths or not all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, sources, strict=True)):
         return None
     how = dict(reading)
-    states = {name: how.pop(name, 0) for name in ("derivatives", "delays")}
-    return embedded(read_measurements(paths, **how).with_inputs(inputs), **states)
+    states, stride = {name: how.pop(name, 0) for name in ("derivatives", "delays")}, how.pop("stride", 1)
+    return strided(embedded(read_measurements(paths, **how).with_inputs(inputs), **states), stride)
