@@ -11,7 +11,7 @@ import pytest
 
 from checker import known_ledgers, named
 from checker.ledgers import data
-from persid_check import check
+from persid_check import Accepted, check
 from persid_check.__main__ import exit_code
 from places import ROOT, VALID
 
@@ -49,6 +49,14 @@ def test_the_checker_alone_accepts_and_explains_a_ledger(name: str, alone: Path,
     assert done.stdout.startswith("accepted")
     assert "\n1. The hash agrees" in done.stdout
     assert done.stdout.rstrip().splitlines()[-1].startswith("7. ")
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "tests" / "files" / "ledgers").glob("*.json")), ids=lambda path: path.stem
+)
+def test_kept_ledgers_stay_accepted(path: Path) -> None:
+    """Ledgers that were written once are accepted, whatever has been added to the format since."""
+    assert isinstance(check(path), Accepted)
 
 
 OTHERS = ("version_1", "networks", "refutations", "search", "subject.py", "sparse.py", "companion.py")

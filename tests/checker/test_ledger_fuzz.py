@@ -2,6 +2,8 @@
 
 import copy
 import json
+import resource
+import time
 from typing import Any
 
 import pytest
@@ -46,18 +48,20 @@ def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 @st.composite
 def _changed(draw: st.DrawFn) -> bytes:
-    """A known ledger with one to three places set to anything, left out, doubled or exchanged."""
+    """A known ledger with one to three places set to anything, left out, doubled, repeated often or exchanged."""
     content: Any = {"": copy.deepcopy(known_ledgers.load(draw(st.sampled_from(NAMES))))}
     for _ in range(draw(st.integers(1, 3))):
         path = draw(st.sampled_from(_places(content)[1:]))
         at = content
         for key in path[:-1]:
             at = at[key]
-        match draw(st.sampled_from(["set", "set", "leave out", "double", "exchange"])):
+        match draw(st.sampled_from(["set", "set", "leave out", "double", "repeat", "exchange"])):
             case "leave out" if len(path) > 1:
                 del at[path[-1]]
             case "double" if isinstance(at, list):
                 at.insert(path[-1], copy.deepcopy(at[path[-1]]))
+            case "repeat" if isinstance(at, list) and len(json.dumps(at[path[-1]])) < 300:
+                at[path[-1] : path[-1]] = [at[path[-1]]] * draw(st.sampled_from([30, 300, 2000]))
             case "exchange":
                 other = content
                 for key in draw(st.sampled_from(_places(content)[1:])):
@@ -69,8 +73,11 @@ def _changed(draw: st.DrawFn) -> bytes:
 
 
 def _answered(data: bytes) -> None:
-    """An answer, and a place where it is not accepted."""
+    """An answer within the work and the memory that so many bytes may take, with a place where it is not accepted."""
+    before, started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     answer = check(data)
+    assert time.process_time() - started < 5 + 2e-4 * len(data)
+    assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < 1e8 + 400 * len(data)
     assert isinstance(answer, Accepted | Rejected | Malformed)
     if not isinstance(answer, Accepted):
         assert answer.where
