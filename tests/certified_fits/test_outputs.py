@@ -59,6 +59,7 @@ def test_a_system_without_inputs_is_certified():
         (np.arange(12.0)[:, None] % 5, {"order": 4}, "cannot tell"),
         (np.arange(60.0)[:, None] % 7, {"order": 2, "neurons": 30}, "cannot tell"),
         (np.arange(60.0)[:, None] % 7, {"order": 0}, "order is 0"),
+        (np.arange(60.0)[:, None] % 7, {"seeds": 0}, "seeds is 0"),
         (np.arange(60.0)[:, None] % 7, {"activation": "relu"}, "activation is 'relu'"),
         (np.arange(60.0)[:, None] % 7, {"output": "square"}, "output is 'square'"),
         (np.arange(60.0)[:, None] % 7, {"min_rate": 0}, "min_rate=0 is not positive"),

@@ -32,6 +32,23 @@ def test_the_multipliers_of_a_fit_are_a_proof(seed: int, activation: str) -> Non
     assert certificate.rate > 0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fit_that_hardens_is_proved_by_the_integral_of_what_hardens(seed: int) -> None:
+    """With s - tanh(s) in place of some neurons M is negative there, P grows by as much, and the proof stands."""
+    fit = random_fit(seed, n=2, q=3)
+    assert fit.M is not None
+    hard = slice(0, 1 + seed % 2)
+    A1, M = fit.A1.copy(), fit.M.copy()
+    A1[:, hard] *= -1
+    M[hard] *= -1
+    turned = replace(
+        fit, A=fit.A + fit.A1[:, hard] @ fit.R[hard], b=fit.b + fit.A1[:, hard] @ fit.beta[hard], A1=A1, M=M,
+        P=np.eye(2) + (fit.R[hard].T * fit.M[hard]) @ fit.R[hard],
+    )  # fmt: skip
+    assert np.linalg.eigvalsh(turned.inequality()).min() > 0
+    assert decided(turned).claim == "rate-and-gain"
+
+
 @pytest.mark.long
 def test_a_search_may_better_the_gains() -> None:
     """With time left the certificate with the smaller gain of the output is kept."""

@@ -26,6 +26,7 @@ from persid.verdicts.verdict import Verdict
 EVEN = 1e-2  # of the step, by which sampling times may vary
 ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
 ROUNDS = 3  # in which outputs are scaled to the gains asked for
+SEEDS, SEEDED = (3, 9), 10_000  # fewest and most random starts, and samples times starts in between
 TOLD = 10  # steps between two lines of progress
 
 
@@ -71,7 +72,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     min_rate: None, or a rate of decay in 1/s that is certified.
     max_output_gain: None, or the largest gain of the outputs that is certified, in their unit per unit of the inputs:
         one number, or one for each output. Where the fit's is larger, C and D of that output are scaled.
-    seeds: random starts for every size.  random_state: the first of them.
+    seeds: random starts for every size, or "auto": 3 to 9, the more the fewer samples there are.
+    random_state: the first of them.
     warm_start: True continues from the fit before, where there is one: its order, neurons and multipliers are kept, and
         nothing is searched. Errors named held out are then those of the earlier model on the new records.
     compare: also fit the chosen size without the condition, for `report_.price`.
@@ -102,7 +104,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         certified: bool = True,
         min_rate: float | int | None = None,
         max_output_gain: Any = None,
-        seeds: int = 3,
+        seeds: int | str = "auto",
         random_state: int = 0,
         warm_start: bool = False,
         compare: bool = False,
@@ -148,7 +150,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         names = _output_names(data.states)
         if strange := [name for name in self.measured if name not in names]:
             raise DataError(f"measured= names {strange[0]!r}, which is none of the outputs ({', '.join(names)})")
-        question = replace(self._question(step), outputs=names)
+        question = replace(self._question(step, data.samples), outputs=names)
         tell = _told(progress)
         records = [(run.u, run.x) for run in data]
         with few_threads(4):
@@ -160,8 +162,9 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self._deliver(answer, data, least, demand)
         return self
 
-    def _question(self, step: float) -> Question:
+    def _question(self, step: float, samples: int) -> Question:
         _check_options(self)
+        seeds = int(np.clip(SEEDED // samples, *SEEDS)) if self.seeds == "auto" else int(self.seeds)
         kappa = 2 * ROOM * float(self.min_rate or 0.0) * step
         return Question(
             order=None if self.order == "auto" else int(self.order),
@@ -172,7 +175,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             hold=self.hold,
             certified=self.certified,
             kappa=kappa,
-            seeds=tuple(range(self.random_state, self.random_state + self.seeds)),
+            seeds=tuple(range(self.random_state, self.random_state + seeds)),
         )
 
     def _earlier(self) -> StableFit | None:
@@ -294,8 +297,8 @@ def _check_options(given: OutputIdentifier) -> None:
         raise DataError(f'feedthrough is {given.feedthrough!r}; it is "auto", True or False')
     if given.measured and (given.feedthrough is True or given.output is not None):
         raise DataError("measured= goes with outputs that are states: without output= and without feedthrough=")
-    if given.seeds < 1:
-        raise DataError(f"seeds is {given.seeds}; at least one start is needed")
+    if given.seeds != "auto" and (not isinstance(given.seeds, int | np.integer) or given.seeds < 1):
+        raise DataError(f'seeds is {given.seeds!r}; it is "auto" or a whole number of at least 1')
 
 
 def _told(progress: Callable[[str], None] | None) -> Callable[[str, float], None]:

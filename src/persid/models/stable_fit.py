@@ -25,13 +25,14 @@ class StableFit:
     x_mean and x_cov are mean and covariance of the states along the fitted runs, noise the root-mean-square residual of
     each output there: what is known of a new record's first state before its first outputs are seen.
 
-    M >= 0 (no unit) and T > 0 (1/s), one per neuron, and kappa >= 0 (1/s) prove stability: about any equilibrium x*,
+    M (no unit) and T > 0 (1/s), one per neuron, and kappa >= 0 (1/s) prove stability: about any equilibrium x*,
     with z = x - x*, w = f(R x + beta) - f(R x* + beta) and G = [A A1],
 
         V = z'P z + 2 sum M_c int_0^(r_c z) (f(s + r_c x* + beta_c) - f(r_c x* + beta_c)) ds,
         V' + kappa (z'P z + 2 w' M R z) + 2 w' T (R z - w) = -(z, w)' Z (z, w),  Z > 0,
 
-    and w' T (R z - w) >= 0. They are None where the fit was not made under the inequality.
+    and w' T (R z - w) >= 0. V is positive where P + R' min(M, 0) R is: M < 0 stands for the integral of s - f(s), which
+    is the energy of what hardens. They are None where the fit was not made under the inequality.
     """
 
     A: Float[ndarray, "n n"]
@@ -65,7 +66,7 @@ class StableFit:
         """Return the fit in coordinates in which some outputs are the first states, in their own units.
 
         With y = C x + d for them, and N an orthonormal basis of what C does not see, the new states are
-        (y, N x) = x_ref + S x with S = (C; N) and x_ref = (d; 0), so that P = S^-T S^-1. The others stay latent.
+        (y, N x) = x_ref + S x with S = (C; N) and x_ref = (d; 0), and P becomes S^-T P S^-1. The others stay latent.
 
         Raises:
             ModelError: they are no outputs, an input acts on them at once, or they are not independent states.
@@ -82,21 +83,27 @@ class StableFit:
             raise ModelError(f"measured= names {k} outputs, but the model has {n} states: they are not independent")
         N = null_space(C).T
         S, back = np.vstack([C, N]), np.hstack([np.linalg.pinv(C), N.T])
+        P = back.T @ self.metric @ back
         x_ref = np.concatenate([self.d[rows], np.zeros(n - k)])
         outputs = self.C @ back
         outputs[rows] = np.eye(k, n)
         return replace(
             self, A=S @ self.A @ back, R=self.R @ back, A1=S @ self.A1, B=S @ self.B, b=S @ self.b, C=outputs,
-            x0=x_ref + self.x0 @ S.T, x_mean=x_ref + S @ self.x_mean, x_cov=S @ self.x_cov @ S.T, P=back.T @ back,
+            x0=x_ref + self.x0 @ S.T, x_mean=x_ref + S @ self.x_mean, x_cov=S @ self.x_cov @ S.T, P=P,
             x_ref=x_ref, states=(*(f"x_{name}" for name in measured), *(f"z{i + 1}" for i in range(n - k))),
         )  # fmt: skip
+
+    @property
+    def metric(self) -> Float[ndarray, "n n"]:
+        """P, which is 1 where none is given."""
+        return np.eye(len(self.A)) if self.P is None else self.P
 
     def inequality(self) -> Float[ndarray, "r r"]:
         """Return Z, positive definite where M, T and kappa prove stability; in floats, so it decides nothing."""
         if self.M is None or self.T is None:
             raise ValueError("this fit carries no multipliers; certify its model instead")
         RM, RT = self.R.T * self.M, self.R.T * self.T
-        P = np.eye(len(self.A)) if self.P is None else self.P
+        P = self.metric
         corner = -(P @ self.A + self.A.T @ P) - self.kappa * P
         side = -(P @ self.A1 + self.A.T @ RM + RT + self.kappa * RM)
         return np.block([[corner, side], [side.T, 2 * np.diag(self.T) - (RM.T @ self.A1 + self.A1.T @ RM)]])

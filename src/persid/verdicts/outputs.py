@@ -101,10 +101,12 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
     if not points:
         return None
     setting = Setting.of(model.dynamics, points[0])
-    P = np.eye(model.dynamics.n) if fit.P is None else rounded((fit.P + fit.P.T) / 2)
+    hard = np.minimum(fit.M, 0.0)
+    P = np.eye(model.dynamics.n) if fit.P is None else rounded(fit.metric + (fit.R.T * hard) @ fit.R)
+    P = (P + P.T) / 2
     for share in DENSITIES:
-        least = share * float(fit.M.max(initial=0.0))
-        M = np.where(least >= fit.M, 0.0, fit.M)
+        least = share * float(np.abs(fit.M).max(initial=0.0))
+        M = np.where(least >= np.abs(fit.M), 0.0, fit.M)
         chosen = _chosen(setting, M, fit.T)
         if chosen is None:
             return None
@@ -127,7 +129,7 @@ def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) 
             return None
         c = group.channels[0]
         tau = float(rounded(T[c : c + 1])[0])
-        mu = rounded(np.array([M[c], 0.0]))
+        mu = rounded(np.array([max(M[c], 0.0), max(-M[c], 0.0)]))
         found.append(Chosen(forms, mu, np.ones(2), np.zeros(2), ((0, 1, tau),)))
     return tuple(found)
 

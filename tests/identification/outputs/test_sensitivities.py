@@ -5,19 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from persid.identification.outputs import runs, sensitivities
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.records import Pieces
-from persid.identification.outputs.sensitivities import mapped_output, normal, simulated
+from persid.identification.outputs.runs import errors, simulated, swept
+from persid.identification.outputs.sensitivities import normal
 
 N, Q, M, L = 2, 3, 2, 2
 
 
-def batch(activation: str, output_map: str | None) -> Latent:
+def batch(activation: str, output_map: str | None, hardening: int = 0) -> Latent:
     rng = np.random.default_rng(0)
     A = -0.1 * np.eye(N) + 0.05 * rng.normal(size=(2, N, N))
     W = np.concatenate([A, 0.1 * rng.normal(size=(2, N, Q)), 0.3 * rng.normal(size=(2, N, M))], 2)
     V, O = rng.normal(size=(2, Q, N + 1)), rng.normal(size=(2, L, N + M + 1))  # noqa: E741
-    return Latent(W, 0.1 * rng.normal(size=(2, N)), V, O, rng.normal(size=(2, 2, N)), activation, output_map)
+    b, x0 = 0.1 * rng.normal(size=(2, N)), rng.normal(size=(2, 2, N))
+    return Latent(W, b, V, O, x0, activation, output_map, hardening)
 
 
 def pieces_of(hold: str, length: int) -> Pieces:
@@ -32,8 +35,8 @@ def run(latent: Latent, pieces: Pieces):
 
 
 def residuals(latent: Latent, pieces: Pieces) -> np.ndarray:
-    y = mapped_output(latent, run(latent, pieces).y)[0]
-    return np.moveaxis((y - pieces.y[:, None]) * pieces.weight[:, None, None], 1, 0).reshape(2, -1)
+    x = swept(latent, pieces, run(latent, pieces).start, 2)[:-1:2]
+    return np.moveaxis(errors(latent, pieces, x) * pieces.weight[:, None, None], 1, 0).reshape(2, -1)
 
 
 def differences(latent: Latent, pieces: Pieces) -> np.ndarray:
@@ -49,12 +52,13 @@ def differences(latent: Latent, pieces: Pieces) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("activation", "hold", "output_map"), [("tanh", "foh", None), ("softsign", "zoh", "abs"), ("arctan", "zoh", None)]
+    ("activation", "hold", "output_map", "hardening"),
+    [("tanh", "foh", None, 0), ("softsign", "zoh", "abs", 1), ("arctan", "zoh", None, 3)],
 )
-def test_normal_equations_are_those_of_differences(activation, hold, output_map):
+def test_normal_equations_are_those_of_differences(activation, hold, output_map, hardening):
     """J'J and J'r over all parameters and first states are those of finite differences, whatever the pieces."""
-    latent, pieces = batch(activation, output_map), pieces_of(hold, 16)
-    found = normal(latent, pieces, run(latent, pieces), 2)
+    latent, pieces = batch(activation, output_map, hardening), pieces_of(hold, 16)
+    found = normal(latent, pieces, run(latent, pieces).start, 2)
     J, r, p = differences(latent, pieces), residuals(latent, pieces), found.H.shape[1]
     for k in range(2):
         H, g = J[:, k] @ J[:, k].T, J[:, k] @ r[k]
@@ -72,3 +76,38 @@ def test_pieces_join_to_one_run():
         np.sort(residuals(latent, long)[residuals(latent, long) != 0]),
         atol=1e-7,
     )
+
+
+def test_blocks_change_no_sum(monkeypatch):
+    """Runs and normal equations are the same however few pieces are held at a time."""
+    latent, pieces = batch("tanh", None), pieces_of("foh", 8)
+    whole, sums = run(latent, pieces), normal(latent, pieces, run(latent, pieces).start, 2)
+    monkeypatch.setattr(runs, "BLOCK", 1)
+    monkeypatch.setattr(sensitivities, "LANES", 2)
+    monkeypatch.setattr(sensitivities, "CHUNK", 7)
+    split = run(latent, pieces)
+    np.testing.assert_allclose(split.square, whole.square, rtol=1e-9)
+    np.testing.assert_allclose(split.held, whole.held, rtol=1e-9)
+    for one, other in zip(normal(latent, pieces, split.start, 2), sums, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+
+
+def test_hardening_neurons_are_activations_turned():
+    """A model with hardening neurons runs as the one in which s - f(s) is written with f, and back."""
+    latent, pieces = batch("tanh", None, 2), pieces_of("zoh", 16)
+    plain = latent.in_activations()
+    assert plain.hardening == 0
+    np.testing.assert_allclose(run(plain, pieces).start, run(latent, pieces).start, atol=1e-9)
+    np.testing.assert_allclose(plain.hardened(2).W, latent.W, atol=1e-12)
+    np.testing.assert_allclose(plain.hardened(2).b, latent.b, atol=1e-12)
+
+
+def test_the_loudest_fitted_samples_are_held_out_too():
+    """Pieces made quiet hold out the largest outputs among the fitted samples, and lose none."""
+    pieces = pieces_of("zoh", 16)
+    quiet = pieces.quiet(0.1)
+    size = np.abs(pieces.y).max(1)
+    moved = pieces.weight & ~quiet.weight
+    assert size[quiet.weight].max() < size[moved].min()
+    assert abs(moved.sum() - 0.1 * pieces.weight.sum()) <= 2
+    assert ((quiet.weight | quiet.held) == (pieces.weight | pieces.held)).all()

@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from persid.errors import DataError
-from persid.identification.outputs import least_squares, refit, selection, sensitivities
+from persid.identification.outputs import least_squares, refit, selection, strides
 from persid.identification.outputs.least_squares import Fit, Stable, Task
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.remarks import LEAKS, remarks_on
+from persid.identification.outputs.runs import moments
 from persid.identification.outputs.selection import BETTER, Candidate, Group, LinearFit, Question, Winner
 from persid.models.stable_fit import StableFit
 
 Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
-FINAL_STEPS, FINAL_WORK = 100, 1_000_000  # steps on all data, and samples times steps
+FINAL_STEPS, FINAL_WORK = 100, 30_000_000  # steps on all data, and samples times steps times parameters
 GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
 REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
 UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
@@ -85,9 +86,13 @@ class _Found:
 
 
 def _searched(standard: list[Record], question: Question, tell: Tell) -> _Found:
-    """Search on the first samples of the records; the last quarter of them is held out."""
-    part = selection.selected_part(standard)
+    """Search on the first samples of the records, or on every so-many-th; the last quarter of them is held out."""
+    stride = strides.stride_of(standard, sum(len(u) for u, _ in standard) // selection.SELECTED)
+    question = replace(question, kappa=question.kappa * stride)
+    part = selection.selected_part([strides.thinned(record, stride, question.hold) for record in standard])
     pieces = Pieces.of(part, question.hold, kept=selection.KEPT)
+    if sum(len(u) for u, _ in part) < sum(len(u) for u, _ in standard):
+        pieces = pieces.quiet(selection.LOUD)
     linear: list[LinearFit] = []
     search = _Search(pieces, part, question, tell)
     interrupted = False
@@ -102,7 +107,8 @@ def _searched(standard: list[Record], question: Question, tell: Tell) -> _Found:
         search.settle(linear)
         interrupted = True
     least = min(one.held_out for one in linear)
-    return _Found(search.winner(), tuple(search.table), least, tuple(search.remarks), interrupted)
+    winner = strides.at_full_rate(search.winner(), stride)
+    return _Found(winner, tuple(search.table), least, tuple(search.remarks), interrupted)
 
 
 def _checked(records: Sequence[Record], question: Question) -> None:
@@ -168,11 +174,12 @@ class _Search:
         good.sort(key=lambda one: (one[0].neurons > 0, one[0].feedthrough))
         return selection.winner_of(*good[0][1:])
 
-    def _sizes(self) -> tuple[int, ...]:
-        if self.question.neurons is not None:
-            return (self.question.neurons,)
-        values = self.pieces.values
-        return (0, *(q for q in selection.SIZES if 20 * q < values))
+    def _sizes(self) -> list[tuple[int, int]]:
+        """Return numbers of neurons, with how many of them harden."""
+        values, asked = self.pieces.values, self.question.neurons
+        sizes = selection.SIZES if asked is None else ((asked, 0), (asked, (asked + 1) // 2))
+        kept = {(q, hard * self.question.certified) for q, hard in sizes if 20 * q < values or asked is not None}
+        return sorted(kept | ({(0, 0)} if asked is None else set()))
 
     def _stable(self, linear: LinearFit) -> LinearFit:
         if not self.question.certified:
@@ -187,11 +194,13 @@ class _Search:
             )
         return moved
 
-    def _race(self, linear: Sequence[LinearFit], sizes: Sequence[int], ridges: Sequence[float] = ()) -> None:
+    def _race(
+        self, linear: Sequence[LinearFit], sizes: Sequence[tuple[int, int]], ridges: Sequence[float] = ()
+    ) -> None:
         groups = [
-            selection.group_of(one, q, self.question, self.pieces, ridges or self.question.ridges)
+            selection.group_of(one, q, self.question, self.pieces, ridges or self.question.ridges, hardening)
             for one in linear
-            for q in sizes
+            for q, hardening in sizes
         ]
         self.groups += groups
         selection.raced(groups, lambda error: self.tell("search", error))
@@ -207,13 +216,13 @@ class _Search:
             found = found or selection.linear_fit(self.part, self.pieces, n, self.question)
         except DataError:
             return False
-        self._race([self._stable(found)], [best.neurons], [best.ridge] if best.neurons else ())
+        self._race([self._stable(found)], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
         return self.table[0].held_out < BETTER * best.held_out
 
     def _again(self, group: Group) -> Group:
         """Return a group, fitted on and kept."""
         self.groups.append(group)
-        steps = selection.RUNGS[1][0]
+        steps = selection.RUNGS[-2][0]
         least_squares.fitted(group.task, group.fit, steps, lambda fit: self.tell("refit", float(fit.held_out[0])))
         return group
 
@@ -228,7 +237,7 @@ def _on_all(winner: Winner, standard: Sequence[Record], question: Question, tell
         size = min(size * GROWTH, total) if size < total else total
         part = selection.selected_part(standard, size)
         pieces = Pieces.of(part, question.hold)
-        steps = int(np.clip(FINAL_WORK / size, 10, FINAL_STEPS))
+        steps = int(np.clip(FINAL_WORK / (size * len(winner.parameters.free)), 10, FINAL_STEPS))
         winner, interrupted = _refitted(winner, pieces, steps, tell)
         if size >= total or interrupted:
             return winner, interrupted
@@ -267,17 +276,16 @@ def _delivered(
     task = Task(pieces, winner.parameters, np.zeros((1, 1)), winner.substeps)
     task = replace(task, ridge=np.zeros_like(least_squares.theta_of(winner.latent)))
     fit: Fit = least_squares.begun(task, winner.batch)
-    latent, run = winner.latent, least_squares.evaluated(task, winner.batch, task.ridge, fit.start, fit.flow)[3]
-    seen = pieces.weight > 0
-    x = np.moveaxis(run.states[: -1 : task.substeps, 0], 1, 2)[seen]
-    gap = sensitivities.mapped_output(latent, run.y)[0][:, 0] - pieces.y
-    noise = np.sqrt((np.moveaxis(gap, 1, 2)[seen] ** 2).mean(0)) * scales.y_scale
-    n, m = latent.n, latent.m
+    own = winner.latent
+    seen = moments(own, pieces, fit.start, task.substeps)
+    latent, n, m, hard = own.in_activations(), own.n, own.m, slice(0, own.hardening)
     proof = winner.parameters.proved(winner.batch) if isinstance(winner.parameters, Stable) else None
-    rows = latent.O[0] * scales.y_scale[:, None]
+    rows, R = latent.O[0] * scales.y_scale[:, None], latent.R[0].copy()
+    if proof is not None:  # the integral of s - f is that of s, which goes to P, less that of f
+        proof.M[0, hard] *= -1
     return StableFit(
         A=latent.A[0] / dt,
-        R=latent.R[0].copy(),
+        R=R,
         beta=latent.V[0, :, n].copy(),
         A1=latent.A1[0] / dt,
         B=latent.B[0] / scales.u_scale / dt,
@@ -287,9 +295,9 @@ def _delivered(
         d=rows[:, -1] + scales.y_mean,
         u_ref=scales.u_mean.copy(),
         x0=winner.batch.x0[0].copy(),
-        x_mean=x.mean(0),
-        x_cov=np.atleast_2d(np.cov(x.T)),
-        noise=noise,
+        x_mean=seen.mean,
+        x_cov=seen.cov,
+        noise=np.sqrt(seen.noise) * scales.y_scale,
         dt=dt,
         activation=question.activation,
         output_map=question.output_map,
@@ -297,4 +305,5 @@ def _delivered(
         M=None if proof is None else proof.M[0],
         T=None if proof is None else proof.T[0] / dt,
         kappa=question.kappa / dt if proof is not None else 0.0,
+        P=None if proof is None or not own.hardening else np.eye(n) - (R[hard].T * proof.M[0, hard]) @ R[hard],
     ), float(fit.error[0])

@@ -1,6 +1,6 @@
 """A batch of latent models of one size, in standard units, with one sample as the unit of time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +11,7 @@ from numpy import ndarray
 class Latent:
     """Hold K models x' = W (x, f(V (x, 1)), u) + b, y = h(O (x, u, 1)), with W = [A A1 B], V = [R beta], O = [C D d].
 
+    The first `hardening` neurons are s - f(s) in place of f(s): their slopes lie in [0, 1] as well, and grow from rest.
     x0 is the state at the first sample of every record.
     """
 
@@ -21,6 +22,7 @@ class Latent:
     x0: Float[ndarray, "K records n"]
     activation: str = "tanh"
     output_map: str | None = None
+    hardening: int = 0
 
     @property
     def n(self) -> int:
@@ -77,9 +79,39 @@ class Latent:
         return Latent(W, (self.b + self.A @ centre) @ T.T, V, O, (self.x0 - centre) @ T.T, *self.kind)
 
     @property
-    def kind(self) -> tuple[str, str | None]:
-        """The activation and the output map."""
-        return self.activation, self.output_map
+    def kind(self) -> tuple[str, str | None, int]:
+        """The activation, the output map, and how many neurons harden."""
+        return self.activation, self.output_map, self.hardening
+
+    def in_activations(self) -> "Latent":
+        """Return the same models without hardening neurons: A1 (s - f(s)) = A1 R x + A1 beta - A1 f(s)."""
+        return replace(self.hardened(self.hardening), hardening=0)
+
+    def hardened(self, count: int) -> "Latent":
+        """Return the models whose first neurons are turned: s - f(s) becomes f(s), and f(s) becomes s - f(s)."""
+        W, V, turned = self.W.copy(), self.V[:, :count], slice(self.n, self.n + count)
+        W[:, :, : self.n] += W[:, :, turned] @ V[:, :, :-1]
+        b = self.b + (W[:, :, turned] @ V[:, :, -1:])[:, :, 0]
+        W[:, :, turned] *= -1
+        return replace(self, W=W, b=b, hardening=count)
+
+    def activated(self, s: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
+        """Return what the neurons make of s."""
+        f = activated(self.activation, s)
+        return _turned(f, s, self.hardening)
+
+    def slopes(self, s: Float[ndarray, "*_ q S"], f: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
+        """Return the neurons' slopes at s, given their values f."""
+        k = self.hardening
+        slopes = slope_of(self.activation, s, _turned(f, s, k))
+        return _turned(slopes, np.ones((1, 1)), k)
+
+
+def _turned(f: ndarray, s: ndarray, count: int) -> ndarray:
+    """Return f, its first rows being s - f."""
+    if not count:
+        return f
+    return np.concatenate([(s - f)[..., :count, :], f[..., count:, :]], -2)
 
 
 def activated(name: str, s: ndarray) -> ndarray:

@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from persid.identification.outputs import sensitivities
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.parametrisation import Proved, Shape, proved
 from persid.identification.outputs.records import Pieces
+from persid.identification.outputs.runs import SWEEPS, simulated
+from persid.identification.outputs.sensitivities import normal
 
 TOLERANCE = 1e-4  # relative gain of the cost in one step, over PATIENCE steps in a row
 PATIENCE = 3
@@ -27,6 +28,12 @@ class Batch:
     b: Float[ndarray, "K n"]
     activation: str = "tanh"
     output_map: str | None = None
+    hardening: int = 0
+
+    @property
+    def kind(self) -> tuple[str, str | None, int]:
+        """The activation, the output map, and how many neurons harden."""
+        return self.activation, self.output_map, self.hardening
 
     def __getitem__(self, chosen: ndarray | slice) -> "Batch":
         return replace(self, w=self.w[chosen], x0=self.x0[chosen], b=self.b[chosen])
@@ -45,7 +52,7 @@ class Free:
     def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
         """Return the models as they stand."""
         W, V, O = split(batch.w, self.n, self.q, self.m, self.l)  # noqa: E741
-        latent = Latent(W, batch.b, V, O, batch.x0, batch.activation, batch.output_map)
+        latent = Latent(W, batch.b, V, O, batch.x0, *batch.kind)
         unit = np.broadcast_to(np.eye(batch.w.shape[1]), (len(W), *np.eye(batch.w.shape[1]).shape))
         return latent, unit, np.ones(len(W), bool)
 
@@ -58,6 +65,16 @@ class Stable:
     m: int
     l: int  # noqa: E741
     free: Bool[ndarray, " p"]
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.shape.n
+
+    @property
+    def q(self) -> int:
+        """Number of neurons."""
+        return self.shape.q
 
     @property
     def width(self) -> int:
@@ -84,7 +101,7 @@ class Stable:
         D = np.zeros((K, batch.w.shape[1], len(places)))
         D[:, :p, stable] = slopes
         D[:, np.arange(p, batch.w.shape[1]), plain] = 1.0
-        latent = Latent(W, batch.b, V, outputs.reshape(K, l, -1), batch.x0, batch.activation, batch.output_map)
+        latent = Latent(W, batch.b, V, outputs.reshape(K, l, -1), batch.x0, *batch.kind)
         return latent, D, found.valid
 
 
@@ -100,14 +117,14 @@ def split(theta: ndarray, n: int, q: int, m: int, l: int) -> tuple[ndarray, ndar
 
 @dataclass(eq=False)
 class Fit:
-    """Hold where K models stand: runs, cost, root-mean-square errors on fitted and held-out samples, damping, gains.
+    """Hold where K models stand: starts of all pieces and derivatives of their ends by them, cost, root-mean-square
+    errors on fitted and held-out samples, damping, gains.
 
     `ended` says which of them need no more steps.
     """
 
     batch: Batch
-    states: Float[ndarray, "steps K n S"]
-    y: Float[ndarray, "L K l S"]
+    start: Float[ndarray, "K n S"]
     flow: Float[ndarray, "K S n n"]
     cost: Float[ndarray, " K"]
     error: Float[ndarray, " K"]
@@ -117,11 +134,6 @@ class Fit:
     failed: ndarray
     ended: Bool[ndarray, " K"]
     steps: int = 0
-
-    @property
-    def start(self) -> Float[ndarray, "K n S"]:
-        """The states at the pieces' starts."""
-        return np.asarray(self.states[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,19 +158,16 @@ def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
 
 
 def evaluated(
-    task: Task, batch: Batch, ridge: ndarray, start: ndarray, flow: ndarray, sweeps: int = sensitivities.SWEEPS
-) -> tuple[ndarray, ndarray, ndarray, sensitivities.Run, Latent]:
-    """Return cost, error and held-out error of models by simulation; infinite where one is invalid or diverges."""
+    task: Task, batch: Batch, ridge: ndarray, start: ndarray, flow: ndarray, sweeps: int = SWEEPS
+) -> tuple[ndarray, ndarray, ndarray, Float[ndarray, "K n S"]]:
+    """Return cost, error, held-out error and starts of pieces by simulation; infinite where one is not valid."""
     latent, _, valid = task.parameters.latent(batch)
-    run = sensitivities.simulated(latent, task.pieces, start, flow, task.substeps, sweeps)
-    with np.errstate(all="ignore"):
-        gap = (sensitivities.mapped_output(latent, run.y)[0] - task.pieces.y[:, None]) ** 2
-        square = (gap * task.pieces.weight[:, None, None]).sum((0, 2, 3)) / task.pieces.values
-        held = (gap * task.pieces.held[:, None, None]).sum((0, 2, 3))
-    count = max(float(task.pieces.held.sum()) * task.pieces.y.shape[1], 1.0)
-    good = valid & run.joined & np.isfinite(square)
+    run = simulated(latent, task.pieces, start, flow, task.substeps, sweeps)
+    good = valid & run.joined
+    square = np.where(good, run.square, np.inf) / task.pieces.values
+    held = np.where(good, run.held, np.inf) / max(float(task.pieces.held.sum()) * task.pieces.y.shape[1], 1.0)
     cost = np.where(good, 0.5 * square + task.penalty(latent, ridge), np.inf)
-    return cost, np.where(good, np.sqrt(square), np.inf), np.where(good, np.sqrt(held / count), np.inf), run, latent
+    return cost, np.sqrt(square), np.sqrt(held), run.start
 
 
 def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
@@ -168,17 +177,15 @@ def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
     start = np.zeros((K, n, S))
     for _ in range(4):
         latent, _, _ = task.parameters.latent(batch)
-        run = sensitivities.simulated(latent, task.pieces, start, flow, task.substeps, 4)
+        run = simulated(latent, task.pieces, start, flow, task.substeps, 4)
         if run.joined.all():
             break
         start = np.clip(np.nan_to_num(run.start), -100, 100)
         with np.errstate(all="ignore"):
-            flow = np.nan_to_num(sensitivities.normal(latent, task.pieces, run, task.substeps).flow)
-    cost, error, held, run, _ = evaluated(task, batch, task.ridge, run.start, flow, 30)
+            flow = np.nan_to_num(normal(latent, task.pieces, start, task.substeps).flow)
+    cost, error, held, start = evaluated(task, batch, task.ridge, run.start, flow, 30)
     zero = np.zeros(K, int)
-    return Fit(
-        batch, run.states, run.y, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost)
-    )
+    return Fit(batch, start, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost))
 
 
 class _Arrow(NamedTuple):
@@ -223,8 +230,7 @@ def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, _Linear]
         return
     batch = fit.batch[chosen]
     latent, D, _ = task.parameters.latent(batch)
-    run = sensitivities.Run(fit.states[:, chosen], fit.y[:, chosen], np.ones(len(chosen), bool))
-    found = sensitivities.normal(latent, task.pieces, run, task.substeps)
+    found = normal(latent, task.pieces, fit.start[chosen], task.substeps)
     fit.flow[chosen] = found.flow
     count, ridge, theta = task.pieces.values, task.ridge[chosen], theta_of(latent)
     H = found.H / count
@@ -247,12 +253,12 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, _Linear]) -> 
     dtheta = (dw[:, None] @ D)[:, 0]
     shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
     start = fit.start[active] + np.swapaxes(shift, 1, 2)
-    cost, error, held, run, _ = evaluated(task, batch, task.ridge[active], start, fit.flow[active])
+    cost, error, held, start = evaluated(task, batch, task.ridge[active], start, fit.flow[active])
     better: ndarray = cost < fit.cost[active]
     taken, refused = active[better], active[~better]
     gain = 1 - cost[better] / fit.cost[taken]
     fit.batch.w[taken], fit.batch.x0[taken] = batch.w[better], batch.x0[better]
-    fit.states[:, taken], fit.y[:, taken] = run.states[:, better], run.y[:, better]
+    fit.start[taken] = start[better]
     fit.cost[taken], fit.error[taken], fit.held_out[taken] = cost[better], error[better], held[better]
     fit.damping[taken] = np.maximum(fit.damping[taken] / 5, 1e-9)
     fit.damping[refused] *= 4

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from numpy import ndarray
 
 Record = tuple[ndarray, ndarray]  # inputs (N, m) and outputs (N, l); N differs from record to record
@@ -42,26 +43,45 @@ def _sizes(values: Float[ndarray, "N k"]) -> Float[ndarray, " k"]:
 class Pieces:
     """Hold all records cut into S pieces of L samples; the axis of pieces is the last one.
 
-    u at the samples and its rise to the next one (zero under a zero-order hold); weight and held are 1 where a sample
-    is fitted or held out and 0 elsewhere (padding is neither). Pieces of a record follow one another.
+    u at the samples and its rise to the next one (None under a zero-order hold); weight and held say whether a sample
+    is fitted or held out (padding is neither). Pieces of a record follow one another; `follows` says which do.
     """
 
     u: Float[ndarray, "L m S"]
-    rise: Float[ndarray, "L m S"]
+    rise: Float[ndarray, "L m S"] | None
     y: Float[ndarray, "L l S"]
-    weight: Float[ndarray, "L S"]
-    held: Float[ndarray, "L S"]
+    weight: Bool[ndarray, "L S"]
+    held: Bool[ndarray, "L S"]
     record: Int[ndarray, " S"]
 
     @classmethod
     def of(cls, records: Sequence[Record], hold: str = "zoh", length: int | None = None, kept: float = 1.0) -> "Pieces":
         """Cut records into pieces; the part `kept` of every record is fitted, the rest is held out."""
-        total = sum(len(u) for u, _ in records)
-        length = length or _length(total)
-        parts = [_cut(u, y, hold, length, round(kept * len(u))) for u, y in records]
-        u, rise, y, weight, held = (np.concatenate(columns, -1) for columns in zip(*parts, strict=True))
-        record = np.repeat(np.arange(len(parts)), [part[0].shape[-1] for part in parts])
+        length = length or _length(sum(len(u) for u, _ in records))
+        u, y = (_cut([record[side] for record in records], length) for side in (0, 1))
+        rise = None
+        if hold == "foh":
+            rise = _cut([np.diff(u, axis=0, append=u[-1:]) for u, _ in records], length)
+        fitted = [np.arange(len(u))[:, None] < round(kept * len(u)) for u, _ in records]
+        weight, held = (_cut(side, length)[:, 0] for side in (fitted, [~column for column in fitted]))
+        record = np.repeat(np.arange(len(records)), [ceil(len(u) / length) for u, _ in records])
         return cls(u, rise, y, weight, held, record)
+
+    def __getitem__(self, part: slice) -> "Pieces":
+        rise = None if self.rise is None else self.rise[..., part]
+        every = (self.y, self.weight, self.held, self.record)
+        return Pieces(self.u[..., part], rise, *(one[..., part] for one in every))
+
+    def samples(self, part: slice) -> "Pieces":
+        """Return some samples of every piece."""
+        rise = None if self.rise is None else self.rise[part]
+        return replace(self, u=self.u[part], rise=rise, y=self.y[part], weight=self.weight[part], held=self.held[part])
+
+    def quiet(self, share: float) -> "Pieces":
+        """Return the pieces with that share of the fitted samples held out as well: those of the largest outputs."""
+        size = np.abs(self.y).max(1)
+        loud = self.weight & (size > np.quantile(size[self.weight], 1 - share))
+        return replace(self, weight=self.weight & ~loud, held=self.held | loud)
 
     @property
     def length(self) -> int:
@@ -69,18 +89,24 @@ class Pieces:
         return len(self.u)
 
     @property
+    def count(self) -> int:
+        """Number of pieces."""
+        return len(self.record)
+
+    @property
+    def follows(self) -> Bool[ndarray, " S"]:
+        """Whether a piece goes on with the record of the piece before it."""
+        return np.asarray(np.diff(self.record, prepend=-1) == 0)
+
+    @property
     def starts(self) -> Int[ndarray, " records"]:
         """The first piece of every record."""
-        return np.flatnonzero(np.diff(self.record, prepend=-1))
+        return np.flatnonzero(~self.follows)
 
     @property
     def values(self) -> float:
         """Number of measured values that are fitted."""
         return float(float(self.weight.sum()) * self.y.shape[1])
-
-    def fitted_to_all(self) -> "Pieces":
-        """Return the same pieces with nothing held out."""
-        return replace(self, weight=self.weight + self.held, held=0 * self.held)
 
 
 def _length(total: int) -> int:
@@ -88,16 +114,13 @@ def _length(total: int) -> int:
     return int(np.clip(2 ** np.round(np.log2(np.sqrt(total) / 2)), SHORTEST, LONGEST))
 
 
-def _cut(u: Float[ndarray, "N m"], y: Float[ndarray, "N l"], hold: str, length: int, kept: int) -> tuple[ndarray, ...]:
-    rise = np.diff(u, axis=0, append=u[-1:]) if hold == "foh" else 0 * u
-    k = np.arange(len(u))
-    columns = (u, rise, y, (k < kept).astype(float), (k >= kept).astype(float))
-    return tuple(_folded(column, length) for column in columns)
-
-
-def _folded(column: ndarray, length: int) -> ndarray:
-    """Return (N, …) as (length, …, pieces), padded by the last row (weights: by zero)."""
-    missing = -len(column) % length
-    padding = np.repeat(column[-1:] if column.ndim > 1 else np.zeros(1), missing, axis=0)
-    full = np.concatenate([column, padding])
-    return np.ascontiguousarray(np.moveaxis(full.reshape(len(full) // length, length, *column.shape[1:]), 0, -1))
+def _cut(columns: Sequence[ndarray], length: int) -> Shaped[ndarray, "L k S"]:
+    """Return columns (N, k) of all records as (length, k, pieces), padded by zeros."""
+    counts = [ceil(len(column) / length) for column in columns]
+    full = np.zeros((length, columns[0].shape[1], sum(counts)), columns[0].dtype)
+    for column, end, count in zip(columns, np.cumsum(counts), counts, strict=True):
+        whole, some = divmod(len(column), length)
+        folded = column[: whole * length].reshape(whole, length, column.shape[1])
+        full[..., end - count : end - count + whole] = np.moveaxis(folded, 0, -1)
+        full[:some, :, end - 1] = column[whole * length :]
+    return full

@@ -1,6 +1,7 @@
 """From an earlier fit to the point at which a fit to other records begins."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,8 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
         DataError: the earlier model has other inputs, outputs, kind or condition than the question.
     """
     _refuse_others(fit, records, question)
-    latent = _standardised(fit, records, scales, dt)
+    fit, hardening = _with_hardening_first(fit)
+    latent = _standardised(fit, records, scales, dt).hardened(hardening)
     parameters, batch = _point(fit, latent, dt, question)
     pieces = Pieces.of([scales.standardised(record) for record in records], question.hold, kept=selection.KEPT)
     substeps = selection.substeps_for(latent)
@@ -33,7 +35,8 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
         raise DataError("the earlier model does not follow these records; fit anew, without warm_start=")
     through = bool(np.any(fit.D))
     errors = float(found.error[0]), float(found.held_out[0])
-    return Winner(parameters, batch, 0.0, substeps, Candidate(latent.n, latent.q, through, 0.0, 0, *errors, 0))
+    size = latent.n, latent.q, through
+    return Winner(parameters, batch, 0.0, substeps, Candidate(*size, 0.0, 0, *errors, 0, latent.hardening))
 
 
 def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question) -> None:
@@ -52,6 +55,15 @@ def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question
     for name, asked, had in pairs:
         if asked != had:
             raise DataError(f"{name} is {asked} and was {had} in the earlier fit; fit anew, without warm_start=")
+
+
+def _with_hardening_first(fit: StableFit) -> tuple[StableFit, int]:
+    """Return the same model with its neurons in another order, M < 0 first, and how many of those there are."""
+    if fit.M is None or fit.T is None:
+        return fit, 0
+    order = np.argsort(fit.M >= 0, kind="stable")
+    moved = replace(fit, R=fit.R[order], beta=fit.beta[order], A1=fit.A1[:, order], M=fit.M[order], T=fit.T[order])
+    return moved, int((fit.M < 0).sum())
 
 
 def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt: float) -> Latent:
@@ -81,7 +93,7 @@ def _point(fit: StableFit, latent: Latent, dt: float, question: Question) -> tup
         return starts.free_batch(latent, through)
     shape = Shape(n, q, question.kappa, starts.slack(latent.A, question.kappa))
     try:
-        v = parameters_under(shape, latent.A[0], latent.R[0], latent.A1[0], fit.M, fit.T * dt)
+        v = parameters_under(shape, latent.A[0], latent.R[0], latent.A1[0], np.abs(fit.M), fit.T * dt)
     except ValueError:
         raise DataError("the earlier model is slower than min_rate= asks for; fit anew, without warm_start=") from None
     w = np.concatenate([v[None], *(part.reshape(1, -1) for part in (latent.B, latent.V[:, :, -1], latent.O))], 1)

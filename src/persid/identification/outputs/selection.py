@@ -9,10 +9,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
-from persid.identification.outputs import least_squares, sensitivities, starts
+from persid.identification.outputs import least_squares, starts
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Task
 from persid.identification.outputs.records import Pieces, Record
+from persid.identification.outputs.runs import moments
 from persid.identification.outputs.subspace import linear_starts
 
 KEPT = 0.75  # of every record is fitted while choosing
@@ -20,10 +21,11 @@ SELECTED = 4000  # samples on which choices are made, at most
 LINEAR_STARTS, LINEAR_STEPS = 3, 60
 ORDERS = 6  # tried at most
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
-RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
+RUNGS = ((12, 20), (20, 10), (50, 4), (100, 1))  # steps, and how many candidates go on
 HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
-SIZES = (2, 4, 8)  # numbers of neurons
+SIZES = ((1, 1), (2, 0), (2, 1), (4, 0), (4, 2), (8, 0))  # numbers of neurons, and of those that harden
+LOUD = 0.05  # of the fitted samples, held out too where there are more samples than the search takes
 LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here
 FINE = 0.5  # |pole| times a substep, at most
 FINEST = 8  # substeps a sample
@@ -53,7 +55,10 @@ class Question:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Report one candidate: what it is, and its errors in standard units, fitted and held out."""
+    """Report one candidate: what it is, and its errors in standard units, fitted and held out.
+
+    The first `hardening` of its neurons were fitted as s - f(s).
+    """
 
     order: int
     neurons: int
@@ -63,6 +68,7 @@ class Candidate:
     error: float
     held_out: float
     steps: int
+    hardening: int = 0
 
 
 @dataclass(eq=False)
@@ -83,11 +89,10 @@ class Group:
 
     def candidates(self) -> list[tuple[Candidate, "Group", int]]:
         """Return the candidates with their places."""
-        steps = self.fit.steps
+        size, ends = (self.order, self.neurons, self.feedthrough), (self.fit.steps, self.fit.batch.hardening)
         found = zip(self.ridges, self.seeds, self.fit.error, self.fit.held_out, strict=True)
         return [
-            (Candidate(self.order, self.neurons, self.feedthrough, float(r), s, float(e), float(h), steps), self, k)
-            for k, (r, s, e, h) in enumerate(found)
+            (Candidate(*size, float(r), s, float(e), float(h), *ends), self, k) for k, (r, s, e, h) in enumerate(found)
         ]
 
 
@@ -203,12 +208,15 @@ def stabilised(linear: LinearFit, pieces: Pieces, question: Question) -> LinearF
     return LinearFit(parameters.latent(fit.batch)[0], float(fit.error[0]), float(fit.held_out[0]), fit.start)
 
 
-def group_of(linear: LinearFit, q: int, question: Question, pieces: Pieces, ridges: Sequence[float]) -> Group:
+def group_of(
+    linear: LinearFit, q: int, question: Question, pieces: Pieces, ridges: Sequence[float], hardening: int = 0
+) -> Group:
     """Return candidates with q neurons, one for every ridge and seed, before their first step."""
     pairs = [(ridge, seed) for ridge in ridges for seed in question.seeds] if q else [(0.0, 0)]
-    white = starts.whitened(linear.latent, run_states(linear, pieces))
+    seen = moments(linear.latent, pieces, linear.start, 2)
+    white = starts.whitened(linear.latent, seen.mean, seen.cov)
     effect = 0.0 if question.certified else 0.01
-    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation)
+    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation, hardening)
     through = question.through
     parameters: Parameters
     if question.certified:
@@ -226,14 +234,6 @@ def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K
     W[:, :, latent.n : latent.n + latent.q] = 1.0
     V[:, :, :-1] = 1.0
     return np.asarray(weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)]))
-
-
-def run_states(linear: LinearFit, pieces: Pieces) -> Float[ndarray, "N n"]:
-    """Return the states of a model along all samples."""
-    latent, n, S = linear.latent, linear.latent.n, len(pieces.record)
-    flow = np.zeros((1, S, n, n))
-    run = sensitivities.simulated(latent, pieces, linear.start, flow, 2, 1)
-    return np.asarray(np.moveaxis(run.states[:-1:2, 0], 1, 2)[(pieces.weight + pieces.held) > 0])
 
 
 def raced(groups: list[Group], tell: Callable[[float], None]) -> None:

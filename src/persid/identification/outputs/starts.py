@@ -28,14 +28,18 @@ def stacked(latents: list[Latent]) -> Latent:
     return Latent(W, b, V, O, x0, *latents[0].kind)
 
 
-def whitened(latent: Latent, states: Float[ndarray, "N n"]) -> Latent:
-    """Return one model in coordinates in which its own states have mean 0 and unit covariance."""
-    w, V = np.linalg.eigh(np.atleast_2d(np.cov(states.T)))
+def whitened(latent: Latent, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"]) -> Latent:
+    """Return one model in coordinates in which its own states, of this mean and covariance, have mean 0 and unit
+    covariance.
+    """
+    w, V = np.linalg.eigh(cov)
     w = np.maximum(w, 1e-9 * w.max())
-    return latent.mapped((V / np.sqrt(w)) @ V.T, states.mean(0))
+    return latent.mapped((V / np.sqrt(w)) @ V.T, mean)
 
 
-def with_neurons(latent: Latent, q: int, seeds: list[int], effect: float, activation: str) -> Latent:
+def with_neurons(
+    latent: Latent, q: int, seeds: list[int], effect: float, activation: str, hardening: int = 0
+) -> Latent:
     """Return a linear model with q random neurons, once for every seed: rows of length 1, effects of that size."""
     n, found = latent.n, []
     for seed in seeds:
@@ -45,7 +49,7 @@ def with_neurons(latent: Latent, q: int, seeds: list[int], effect: float, activa
         V = np.hstack([R, rng.uniform(-SHIFTS, SHIFTS, (q, 1))])[None]
         A1 = effect * rng.normal(size=(1, n, q))
         W = np.concatenate([latent.A, A1, latent.B], 2)
-        found.append(Latent(W, latent.b, V, latent.O, latent.x0, activation, latent.output_map))
+        found.append(Latent(W, latent.b, V, latent.O, latent.x0, activation, latent.output_map, hardening))
     return stacked(found)
 
 
