@@ -149,7 +149,7 @@ class _Search:
         self._race([self._stable(one) for one in chosen], self._sizes())
         while self.question.order is None and self._climbs(linear):
             pass
-        best, group, k = selection.ranked(self.groups)[0]
+        best, group, k = self._best()
         for _ in range(2):
             if best.neurons:
                 weaker = self._again(selection.again(group, k, FEWER, group.feedthrough))
@@ -167,12 +167,14 @@ class _Search:
             self.groups.append(selection.group_of(best, 0, self.question, self.pieces, (0.0,)))
 
     def winner(self) -> Winner:
-        """Return the best candidate; one without neurons, or else without feedthrough, where these do not help."""
+        """Return the best candidate with its parameters."""
+        return selection.winner_of(*self._best()[1:])
+
+    def _best(self) -> tuple[Candidate, Group, int]:
+        """Return the smallest of the candidates whose held-out error no other one lowers notably."""
         ranking = selection.ranked(self.groups)
-        least = ranking[0][0].held_out
-        good = [one for one in ranking if BETTER * one[0].held_out <= least]
-        good.sort(key=lambda one: (one[0].neurons > 0, one[0].feedthrough))
-        return selection.winner_of(*good[0][1:])
+        good = [one for one in ranking if BETTER * one[0].held_out <= ranking[0][0].held_out]
+        return min(good, key=lambda one: one[1].task.parameters.free.sum())
 
     def _sizes(self) -> list[tuple[int, int]]:
         """Return numbers of neurons, with how many of them harden."""
@@ -207,7 +209,7 @@ class _Search:
 
     def _climbs(self, linear: Sequence[LinearFit]) -> bool:
         """Try one state more than the best candidate has, if that is the largest order tried; whether it was better."""
-        best = self.table[0]
+        best = self._best()[0]
         n = best.order + 1
         if n > selection.ORDERS or any(one.order >= n for one in self.groups):
             return False
@@ -217,7 +219,7 @@ class _Search:
         except DataError:
             return False
         self._race([self._stable(found)], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
-        return self.table[0].held_out < BETTER * best.held_out
+        return self._best()[0].held_out < BETTER * best.held_out
 
     def _again(self, group: Group) -> Group:
         """Return a group, fitted on and kept."""

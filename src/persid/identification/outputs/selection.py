@@ -22,6 +22,7 @@ LINEAR_STARTS, LINEAR_STEPS = 3, 60
 ORDERS = 6  # tried at most
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
 RUNGS = ((12, 20), (20, 10), (50, 4), (100, 1))  # steps, and how many candidates go on
+SHARE = 3  # one in so many goes on, at most
 HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((1, 1), (2, 0), (2, 1), (4, 0), (4, 2), (8, 0))  # numbers of neurons, and of those that harden
@@ -242,9 +243,9 @@ def raced(groups: list[Group], tell: Callable[[float], None]) -> None:
         for group in groups:
             least_squares.fitted(group.task, group.fit, steps, lambda fit: tell(float(np.nanmin(fit.held_out))))
         ranking = ranked(groups)
-        most = HOPELESS * ranking[0][0].held_out
+        most, places = HOPELESS * ranking[0][0].held_out, min(survivors, ceil(len(ranking) / SHARE))
         for place, (candidate, group, k) in enumerate(ranking):
-            group.fit.ended[k] |= place >= survivors or candidate.held_out > most
+            group.fit.ended[k] |= place >= places or candidate.held_out > most
 
 
 def ranked(groups: Sequence[Group]) -> list[tuple[Candidate, Group, int]]:
