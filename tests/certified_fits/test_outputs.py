@@ -196,6 +196,41 @@ def test_a_warm_start_continues_from_the_fit_before():
         fit.set_params(order=2).fit(new)
 
 
+@pytest.mark.parametrize("hardening", [False, True])
+def test_a_warm_start_goes_on_from_a_saved_model(tmp_path, hardening):
+    """A model read from its file continues with its multipliers, in measured coordinates and hardening too."""
+    spring, slope = [("tanh(x)", [[1.0]], [[0.5 if hardening else -1.0]])], -1.0 if hardening else -0.5
+    data = runs(ps.PersidskiiModel([[slope]], spring, [[2.0]]), [[1.0]], 0.1, 200, 1)
+    options = {"measured": ["y1"], "seeds": 1, "time_limit": 0}
+    fit = OutputIdentifier(order=1, neurons=1, **options).fit(data)
+    fit.model_.save(tmp_path / "model.json")
+    path = tmp_path / "model.json"
+    again = OutputIdentifier(warm_start=path, **options).fit(data)
+    assert len(again.report_.candidates) == 1
+    assert again.report_.held_out < 2 * fit.report_.error + 1e-4
+    assert again.verdict_.is_certified
+    assert OutputIdentifier(warm_start=ps.load_model(path), **options).fit(data).verdict_.is_certified
+    with pytest.raises(DataError, match="was 1 in the earlier fit"):
+        OutputIdentifier(order=2, warm_start=path, **options).fit(data)
+
+
+def test_a_model_that_no_fit_made_is_no_warm_start(tmp_path):
+    """A model of states, one written by hand and one changed after its fit are refused, each in its own words."""
+    plant = ps.PersidskiiModel([[-0.5]], [], [[1.0]])
+    data = runs(plant, [[1.0]], 0.1, 100, 1)
+    plant.save(tmp_path / "states.json")
+    fitted = OutputIdentifier(order=1, neurons=0, time_limit=0).fit(data).model_
+    other = ps.OutputModel(plant, [[1.0]])
+    changed = ps.OutputModel(plant, fitted.C, fitted.D, fitted.d, provenance={"fit": fitted.provenance["fit"]})
+    for start, message in (
+        (tmp_path / "states.json", "is a model of states"),
+        (other, "was not made by a fit"),
+        (changed, "no longer the one that was fitted"),
+    ):
+        with pytest.raises(DataError, match=message):
+            OutputIdentifier(warm_start=start, time_limit=0).fit(data)
+
+
 @pytest.mark.long
 def test_a_refit_of_the_same_records_changes_nothing():
     """From its own records a warm start begins where the fit before ended: the proof of that model is recovered."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from sklearn.utils.validation import check_is_fitted
 
 from persid._threads import few_threads
 from persid.certified_fits.output_demands import Demand
-from persid.errors import DataError
+from persid.errors import DataError, ModelError
 from persid.identification.outputs.answer import Answer, answered
 from persid.identification.outputs.selection import Candidate, Question
 from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
+from persid.models.files import load_model
 from persid.models.outputs import OutputModel
 from persid.models.stable_fit import ACTIVATIONS, StableFit
 from persid.verdicts.outputs import certify_fit
@@ -74,8 +76,9 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         one number, or one for each output. Where the fit's is larger, C and D of that output are scaled.
     seeds: random starts for every size, or "auto": 3 to 9, the more the fewer samples there are.
     random_state: the first of them.
-    warm_start: True continues from the fit before, where there is one: its order, neurons and multipliers are kept, and
-        nothing is searched. Errors named held out are then those of the earlier model on the new records.
+    warm_start: True continues from the fit before, where there is one; an `OutputModel` of a fit, or its file, from
+        that one. Order, neurons and multipliers are kept, and nothing is searched. Errors named held out are then those
+        of the earlier model on the new records.
     compare: also fit the chosen size without the condition, for `report_.price`.
     time_limit: seconds for the proof, beyond the fit's own.
 
@@ -106,7 +109,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         max_output_gain: Any = None,
         seeds: int | str = "auto",
         random_state: int = 0,
-        warm_start: bool = False,
+        warm_start: bool | OutputModel | str | Path = False,
         compare: bool = False,
         time_limit: float | int = 60.0,
     ) -> None:
@@ -179,8 +182,17 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         )
 
     def _earlier(self) -> StableFit | None:
-        """Return the fit before, where it is to be continued."""
-        return getattr(self, "_unit", None) if self.warm_start else None
+        """Return the fit before, or the one of the model that is given, where it is to be continued."""
+        if isinstance(self.warm_start, bool):
+            return getattr(self, "_unit", None) if self.warm_start else None
+        given = self.warm_start
+        model = given if isinstance(given, OutputModel) else load_model(given)
+        if not isinstance(model, OutputModel):
+            raise DataError("warm_start= is a model of states; give one that was fitted to inputs and outputs")
+        try:
+            return model.to_fit().in_unit_coordinates()
+        except ModelError as error:
+            raise DataError(f"warm_start= cannot be used: {error}") from None
 
     def _free(
         self, answer: Answer, records: list[Any], step: float, question: Question, tell: Callable[[str, float], None]

@@ -206,13 +206,25 @@ measuring = together(
     click.option("--output-map", type=click.Choice(["abs"]), help="With --outputs: a sensor that ignores the sign."),
     click.option("--foh", "foh", is_flag=True, help="With --outputs: inputs run in straight lines between samples."),
     click.option("--min-rate", type=float, help="With --outputs: a rate in 1/s that is to be certified."),
+    click.option("--warm-start", type=FILE,
+                 help="With --outputs: the model.json of an earlier fit to go on from; nothing is searched."),
     click.option("--measured", type=Names(), help="With --outputs: those of them that are states themselves."),
     click.option("--max-output-gain", type=Numbers(),
                  help="With --outputs: the largest gain that is to be certified; one number, or one for each output."),
     click.option("--test", type=click.Path(path_type=Path), multiple=True,
                  help="A file that is kept from the fit and foretold by the delivered model; may be repeated."),
 )  # fmt: skip
-OUTPUT_OPTIONS = ("order", "neurons", "activation", "output_map", "foh", "min_rate", "max_output_gain", "measured")
+OUTPUT_OPTIONS = (
+    "order",
+    "neurons",
+    "activation",
+    "output_map",
+    "foh",
+    "min_rate",
+    "max_output_gain",
+    "measured",
+    "warm_start",
+)
 
 
 def output_options(how: dict[str, Any]) -> dict[str, Any]:

@@ -41,6 +41,8 @@ _FIELDS = (
     "provenance",
 )
 _HOLDS = ("zoh", "foh")
+_MULTIPLIERS = ("beta", "M", "T", "P")  # arrays of a fit that its model does not hold
+_KIND = ("activation", "dt", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,12 @@ class OutputModel:
 
     @classmethod
     def from_fit(cls, fit: StableFit, provenance: Mapping[str, Any] | None = None) -> "OutputModel":
-        """Return the model of a fit to inputs and outputs: each neuron is a term, its shift inside its function."""
+        """Return the model of a fit to inputs and outputs: each neuron is a term, its shift inside its function.
+
+        What the model does not say of the fit stands in its provenance, from which `to_fit` finds it.
+        """
+        kept = {name: _listed(getattr(fit, name)) for name in _MULTIPLIERS}
+        source = {**(provenance or {}), "fit": {**kept, **{name: getattr(fit, name) for name in _KIND}}}
         rows = enumerate(fit.beta)
         terms = [(shifted(fit.activation, float(by)), fit.R[c : c + 1], fit.A1[:, c : c + 1]) for c, by in rows]
         names: dict[str, Any] = {"inputs": fit.inputs or None, "states": fit.states or None}
@@ -136,7 +143,35 @@ class OutputModel:
         known: dict[str, Any] = {"noise": fit.noise, "x_mean": fit.x_mean, "x_cov": fit.x_cov, "hold": fit.hold}
         h = None if fit.output_map is None else f"{fit.output_map}(x)"
         seen = fit.outputs or None
-        return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=seen, provenance=provenance, **known)
+        return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=seen, provenance=source, **known)
+
+    def to_fit(self) -> StableFit:
+        """Return the fit that `from_fit` made this model of, with the multipliers of its proof and without its records.
+
+        Raises:
+            ModelError: the model was not made by a fit to inputs and outputs, or was changed since.
+        """
+        kept, field = self.provenance.get("fit"), self.dynamics.channels
+        mean, cov, noise = self.x_mean, self.x_cov, self.noise
+        whole = isinstance(kept, Mapping) and set(kept) == {*_MULTIPLIERS, *_KIND}
+        if not whole or kept is None or mean is None or cov is None or noise is None:
+            raise ModelError("the model was not made by a fit to inputs and outputs")
+        h = None if self.output_map is None else self.output_map[0].text.removesuffix("(x)")
+        try:
+            known: dict[str, Any] = {name: _array(kept[name]) for name in _MULTIPLIERS}
+            known |= {name: kept[name] for name in _KIND}
+            fit = StableFit(
+                A=self.dynamics.A0, R=field.rows, A1=field.columns, B=self.dynamics.B, b=self.dynamics.b, C=self.C,
+                D=self.D, d=self.d, u_ref=self.dynamics.u_ref, x0=np.zeros((0, self.dynamics.n)), x_mean=mean,
+                x_cov=cov, noise=noise, x_ref=self.dynamics.x_ref, output_map=h, hold=self.hold,
+                inputs=self.dynamics.inputs, outputs=self.outputs, states=self.dynamics.states, **known,
+            )  # fmt: skip
+            same = OutputModel.from_fit(fit).dynamics == self.dynamics
+        except (TypeError, ValueError, AttributeError):
+            same = False
+        if not same:
+            raise ModelError("the model is no longer the one that was fitted: its numbers and its provenance differ")
+        return fit
 
     @property
     def sha256(self) -> str:
@@ -323,6 +358,10 @@ def _maps(given: Any, count: int) -> tuple[ScalarFunction, ...] | None:
 
 def _listed(given: ndarray | None) -> Any:
     return None if given is None else given.tolist()
+
+
+def _array(given: Any) -> ndarray | None:
+    return None if given is None else np.asarray(given, float)
 
 
 def _texts(name: str, given: Any) -> list[Any]:

@@ -93,6 +93,18 @@ class StableFit:
             x_ref=x_ref, states=(*(f"x_{name}" for name in measured), *(f"z{i + 1}" for i in range(n - k))),
         )  # fmt: skip
 
+    def in_unit_coordinates(self) -> "StableFit":
+        """Return the fit in coordinates without units, S (x - x_ref), in which P + R' min(M, 0) R = S'S is 1."""
+        hard = np.zeros(len(self.R)) if self.M is None else np.minimum(self.M, 0.0)
+        S = np.linalg.cholesky(self.metric + (self.R.T * hard) @ self.R).T
+        back, x_ref = np.linalg.inv(S), np.zeros(len(S)) if self.x_ref is None else self.x_ref
+        R = self.R @ back
+        return replace(
+            self, A=S @ self.A @ back, R=R, A1=S @ self.A1, B=S @ self.B, b=S @ self.b, C=self.C @ back,
+            x0=(self.x0 - x_ref) @ S.T, x_mean=S @ (self.x_mean - x_ref), x_cov=S @ self.x_cov @ S.T,
+            P=None if self.M is None else np.eye(len(S)) - (R.T * hard) @ R, x_ref=None, states=(),
+        )  # fmt: skip
+
     @property
     def metric(self) -> Float[ndarray, "n n"]:
         """P, which is 1 where none is given."""
