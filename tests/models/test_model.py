@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from persid.errors import ModelError
+from persid.models.equations import equations
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
 
@@ -216,3 +217,12 @@ def test_a_malformed_file_is_a_model_error(tmp_path: Path) -> None:
             except ModelError:
                 refused += 1
     assert refused > 300
+
+
+def test_a_sum_is_set_in_brackets() -> None:
+    """A factor before a function that is a sum belongs to all of it: -(tanh(x) - 0.5), as text and in LaTeX."""
+    model = PersidskiiModel(A0=[[-1.0]], terms=[("tanh(x)-0.5", None, [[-1.0]])], B=[[1.0]])
+    assert equations(model) == "d(x1)/dt = -1 x1 - 1 (tanh(x1)-0.5) + 1 u1"
+    assert r"- 1 \left(\tanh \left(x_{1}\right) - 0.5\right) + 1 u_{1}" in equations(model, "latex")
+    one = PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])])
+    assert equations(one) == "d(x1)/dt = -1 x1 - 1 x1**3"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
+from persid.models.functions import ScalarFunction
 from persid.models.output_equation import OutputEquation
 from persid.models.vector_field import VectorField
 
@@ -77,8 +78,17 @@ def _products(field: VectorField, i: int, form: str, digits: int) -> list[tuple[
         f = channels.functions[c]
         argument = _argument(field, channels.rows[c], latex)
         body = f.latex(argument) if latex else _substitute(f.text, argument, digits)
-        found.append((float(channels.columns[i, c]), body))
+        found.append((float(channels.columns[i, c]), _bracketed(body, latex) if _is_sum(f) else body))
     return [*linear[: field.n], *found, *linear[field.n :]]
+
+
+def _is_sum(f: ScalarFunction) -> bool:
+    """Whether a factor before this function would belong to its first term alone."""
+    return f.program[-1].name in ("+", "-", "neg")
+
+
+def _bracketed(body: str, latex: bool) -> str:
+    return rf"\left({body}\right)" if latex else f"({body})"
 
 
 def _tex(name: str) -> str:
