@@ -76,19 +76,21 @@ def deliver(
     select: str | None = None,
     price: float | int = PRICE,
     rate: float | int | None = None,
+    residual_margin: float | int | None = None,
 ) -> Delivery:
     """Keep a free fit that is certified globally; else compare it with a fit under the certificate on unseen data.
 
     The certified fit is delivered where its error on held-out data is at most `price` times the free fit's. With
-    select="auto" its functions are selected under the certificate, and it is made in any case. `rate` (1/s) is as for
-    `certify`.
+    select="auto" its functions are selected under the certificate, and it is made in any case; with `residual_margin`
+    (1/s), as for CertifiedIdentifier, where the free fit has no such margin. `rate` (1/s) is as for `certify`.
     """
-    if select is None and isinstance(verdict, Certified) and verdict.certificate.scope == "global":
+    if select is None and isinstance(verdict, Certified) and _suffices(verdict, residual_margin):
         scores = trial(free, None, data).free
         return Delivery(free.model_, verdict, None, scores, scores)
     began = time.perf_counter()
     limit = max(time_limit, 1e-3)
-    fit = CertifiedIdentifier(free, select=select, time_limit=limit, progress=progress).fit(data)
+    asked = CertifiedIdentifier(free, residual_margin=residual_margin, select=select, time_limit=limit)
+    fit = asked.set_params(progress=progress).fit(data)
     compared = comparison(fit.report_, type(verdict).__name__.lower())
     if not isinstance(fit.verdict_, Certified):
         scores = trial(free, None, data).free
@@ -103,6 +105,12 @@ def deliver(
     beside = Alternative(fit.model_, fit.verdict_, judged.price)
     own = about_named_point(free.model_, verdict, left, progress, rate)
     return Delivery(free.model_, own, compared | {"price": judged.price}, judged.free, judged.free, beside)
+
+
+def _suffices(verdict: Certified, residual_margin: float | int | None) -> bool:
+    """Whether a verdict is one for all states, with the margin that is asked for."""
+    shown = 0.0 if verdict.margin is None else verdict.margin.delta
+    return verdict.certificate.scope == "global" and shown >= (residual_margin or 0.0)
 
 
 def about_named_point(
@@ -143,7 +151,8 @@ def trial(
     functions = {} if fit.functions_ is None else {"functions": fit.functions_}
     ridge = free.ridge_ if fit.ridge_ is None else fit.ridge_
     alike = first.set_params(**functions, velocities=fit.velocities_)
-    again = CertifiedIdentifier(alike, ridge=ridge, time_limit=time_limit).fit(parts.train)
+    asked = fit.residual_margin
+    again = CertifiedIdentifier(alike, ridge=ridge, residual_margin=asked, time_limit=time_limit).fit(parts.train)
     found = isinstance(again.verdict_, Certified)
     return Trial(foretold, _scores(again.model_, parts, record, free.hold) if found else None)
 

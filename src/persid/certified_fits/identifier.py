@@ -14,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from persid._threads import few_threads
 from persid.certificates.certificate import Certificate
+from persid.certificates.margin import Margin
 from persid.certified_fits.candidates import (
     Candidate,
     Choice,
@@ -38,11 +39,14 @@ from persid.identification.estimators import estimator
 from persid.identification.gram import Gram
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.refinement import Pieces
+from persid.lyapunov.deviations import Deviation
+from persid.lyapunov.margins import Residuals
 from persid.lyapunov.shifted_model import undefined
 from persid.measurements.arrays import refuse_target
 from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
 from persid.verdicts.certify import certify
+from persid.verdicts.margins import margin_by
 from persid.verdicts.verdict import Attempt, Certified, Reason, Undecided, Verdict
 
 SCOPES = ("global", "regional")
@@ -75,7 +79,12 @@ def rated(
         return verdict
     if (found.certificate.rate or 0.0) <= (verdict.certificate.rate or 0.0):
         return verdict
-    return replace(found, attempts=verdict.attempts + found.attempts)
+    return replace(found, attempts=verdict.attempts + found.attempts, margin=larger(verdict.margin, found.margin))
+
+
+def larger(one: Margin | None, other: Margin | None) -> Margin | None:
+    """Return the larger of two residual margins of a model, of which either may be missing."""
+    return max((margin for margin in (one, other) if margin is not None), key=lambda margin: margin.delta, default=None)
 
 
 class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -85,6 +94,8 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
     scope: "global", or "regional" (the box of the data).
     margin: of the matrix inequality, in scaled units (tr P + sum mu = 1).
     min_rate: None, or the least certified rate of decay in 1/s.  max_gain: None, or the largest certified gain.
+    residual_margin: None, or the delta (1/s) of plants that have to be certified with the model: those whose x' differs
+        from the model's by at most delta times the distance from the operating point, in half widths of the data.
     fixed: known coefficients, {(state, column): number}; columns are named as by `get_feature_names_out`.
     select: None (the estimator's functions), or "auto": also smaller dictionaries, chosen by validation free runs.
     ridge: "auto" (the free fit's and weaker ones, chosen by validation free runs) or a strength.
@@ -109,6 +120,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         margin: float | int = 1e-5,
         min_rate: float | int | None = None,
         max_gain: float | int | None = None,
+        residual_margin: float | int | None = None,
         fixed: Mapping[tuple[str, str], float | int] | None = None,
         select: str | None = None,
         ridge: float | int | str = "auto",
@@ -120,6 +132,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         self.margin = margin
         self.min_rate = min_rate
         self.max_gain = max_gain
+        self.residual_margin = residual_margin
         self.fixed = fixed
         self.select = select
         self.ridge = ridge
@@ -218,14 +231,18 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
     def _demands(self, fitted: PersidskiiIdentifier) -> Iterator[Demand]:
         """Yield what the inequality has to show: a gain needs some rate, and several are tried."""
         rate = 0.0 if self.min_rate is None else float(self.min_rate)
+        near: tuple[Deviation, ...] = ()
+        if self.residual_margin is not None:
+            model = fitted.model_
+            near = (Residuals.of(model, model.m).within(float(self.residual_margin)),)
         if self.max_gain is None:
-            yield Demand(float(self.margin), 2.0 * rate * (1 + 1e-6))
+            yield Demand(float(self.margin), 2.0 * rate * (1 + 1e-6), None, near)
             return
         fastest = -float(np.linalg.eigvals(fitted.model_.jacobian(fitted.model_.x_ref)).real.max())
         tried = [rate] if rate else [share * (fastest if fastest > 0 else 1.0) for share in GAIN_RATES]
         for chosen in tried:
             kappa = 2.0 * chosen * (1 + 1e-6)
-            yield Demand(float(self.margin), kappa, 0.9 * float(self.max_gain) ** 2 * kappa)
+            yield Demand(float(self.margin), kappa, 0.9 * float(self.max_gain) ** 2 * kappa, near)
 
     def _meets(self, certificate: Certificate) -> bool:
         """Whether the accepted certificate shows the rate and the gain that were asked for."""
@@ -298,6 +315,8 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         else:
             self.stop_ = "" if best is None else best.stop
             proved = Certified(result.certificate, attempts)
+            if self.residual_margin is not None:
+                proved = self._beside_plants(result, attempts, max(self.time_limit - seconds, RATING))
             unasked = self.min_rate is None and self.max_gain is None
             if self.scope == "regional" and unasked:
                 proved = rated(result.model, proved, max(self.time_limit - seconds, RATING), self.progress)
@@ -314,6 +333,15 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             self.history_,
             self.table_,
         )
+
+    def _beside_plants(self, result: Result, attempts: tuple[Attempt, ...], time_limit: float) -> Certified:
+        """Return the verdict on a model by a certificate of its own, and that of the plants near it as its margin."""
+        margin = margin_by(result.certificate)
+        domain = "data" if self.scope == "regional" else "global"
+        own = certify(result.model, domain=domain, time_limit=time_limit, progress=self.progress)
+        if isinstance(own, Certified) and isinstance(own.certificate, Certificate) and self._meets(own.certificate):
+            return replace(own, attempts=attempts + own.attempts, margin=larger(margin, own.margin))
+        return Certified(result.certificate, attempts, margin=margin)
 
     def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other)."""
@@ -355,7 +383,7 @@ def _check_options(estimator: CertifiedIdentifier) -> None:
         raise DataError(f"scope={estimator.scope!r}; choose one of {', '.join(SCOPES)}")
     if estimator.select not in (None, "auto"):
         raise DataError(f'select={estimator.select!r}; needed is None or "auto"')
-    for name in ("margin", "min_rate", "max_gain", "time_limit"):
+    for name in ("margin", "min_rate", "max_gain", "residual_margin", "time_limit"):
         number = getattr(estimator, name)
         if number is not None and not (np.isfinite(number) and number > 0):
             raise DataError(f"{name}={number!r}; needed is a positive number")

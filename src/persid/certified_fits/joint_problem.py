@@ -16,6 +16,7 @@ from numpy import ndarray
 from persid.certified_fits.bilinear import Fit, Inequality, Pairs, Point
 from persid.identification.gram import Gram
 from persid.identification.structure import Structure
+from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.inequality import Catalogue, Terms, assemble
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import NEGLIGIBLE, Lyapunov, lyapunov_function
@@ -41,11 +42,15 @@ Coefficients = Float[ndarray, "p n"]
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What the certificate has to show: a margin delta (scaled), a rate kappa / 2 in 1/s, gamma / p = `ratio`."""
+    """What the certificate has to show: a margin delta (scaled), a rate kappa / 2 in 1/s, gamma / p = `ratio`.
+
+    With `deviations` it has to show that of every plant that they allow.
+    """
 
     delta: float = 1e-5
     kappa: float = 0.0
     ratio: float | None = None
+    deviations: tuple[Deviation, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +207,8 @@ class Frame:
     @property
     def target(self) -> Target:
         """The demand as the certification engine takes it."""
-        return Target(self.demand.kappa, self.demand.ratio, None, self.upper if self.demand.kappa else {})
+        upper = self.upper if self.demand.kappa else {}
+        return Target(self.demand.kappa, self.demand.ratio, None, upper, deviations=self.demand.deviations)
 
     def system(self, theta: Coefficients) -> System:
         """Return the system of coefficients, with every entry of z that the template has."""
@@ -229,10 +235,14 @@ class Frame:
         return self.pattern.B.shape[1] if self.demand.ratio is not None else 0
 
     @cached_property
+    def _catalogue(self) -> Catalogue:
+        return Catalogue(self.pattern, self.families, full_P=self.full_P, target=self.target, units=self.units)
+
+    @cached_property
     def _assembled(self) -> tuple[Unknowns, Terms]:
         """What y stands for, and the terms of its unknowns; first among the rows stand those of all entries."""
-        whole = Catalogue(self.pattern, self.families, full_P=self.full_P, target=self.target, units=self.units)
-        terms = whole.terms(self.families, range(self.pattern.entries + self.inputs))
+        whole = self._catalogue
+        terms = whole.terms(self.families, range(whole.width))
         return whole.unknowns(self.families, terms), terms
 
     @cached_property
@@ -273,9 +283,10 @@ class Frame:
         return np.asarray(used[:, None] / self.units.states / self.units.rate)
 
     def _scaled_flow(self, theta: Coefficients) -> ndarray:
-        F = np.zeros((self.pattern.n, self.pattern.entries + self.inputs))
-        used = self._columns >= 0
+        whole, used = self._catalogue, self._columns >= 0
+        F = np.zeros((self.pattern.n, whole.width))
         F[:, self._columns[used]] = (theta * self._scales)[used].T
+        F[:, whole.inside :] = whole.flow[:, whole.inside :] / self.units.states[:, None]  # of deviations
         return F
 
     def _flow_pairs(self) -> Pairs:

@@ -62,12 +62,17 @@ if TYPE_CHECKING:
     show_default=True,
     help="Times the free fit's error on held-out data that a certified fit may have to replace it.",
 )
+@click.option(
+    "--margin",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Residual margin in 1/s: plants that differ so much from the model have to be certified with it.",
+)
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
     *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
-    domain: str, time_limit: float, rate: float | None, select: str | None, price: float, test: tuple[Path, ...],
-    output: Path, as_json: bool, quiet: bool, **how: Any,
+    domain: str, time_limit: float, rate: float | None, select: str | None, price: float, margin: float | None,
+    test: tuple[Path, ...], output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -100,6 +105,7 @@ def run(
         measured_margin,
         score_facts,
         score_rows,
+        without_margin,
     )
     from persid.reports.folder import write_folder
     from persid.reports.record import Record, sources, versions
@@ -124,6 +130,8 @@ def run(
     usual = domain == "global" and operating_point is None and u_op is None
     if select and not usual:
         raise click.UsageError("--select goes with global questions, without --domain, --operating-point and --u-op")
+    if margin and not usual:
+        raise click.UsageError("--margin goes with global questions, without --domain, --operating-point and --u-op")
     chosen = fit_options(how)
     with talk.progress() as progress, kept(output) as keep:
         progress("reading the measurements")
@@ -141,7 +149,7 @@ def run(
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
         shared: dict[str, Any] = {"time_limit": time_limit, "progress": progress, "rate": rate}
         made = (
-            deliver(fit, verdict, given, select=select, price=price, **shared)
+            deliver(fit, verdict, given, select=select, price=price, residual_margin=margin, **shared)
             if usual
             else Delivery(fit.model_, verdict, scores=trial(fit, None, given).free)
         )
@@ -168,6 +176,7 @@ def run(
     rows = [*_data_rows(found, appended), *_fit_rows(report)[:1], *score_rows(made), *comparison_rows(made.comparison)]
     within = measured_margin(verdict, measured, fit.hold)
     beside = cautions(verdict, made.scores, measured, made.model, fit.hold)
+    beside = (*beside, *without_margin(verdict, margin))
     rows += [*_remarks(report), *advice_rows(diagnosis), *verdict_rows(verdict, rate)]
     rows += [*([("of the data", within[1])] if within else []), *(("but", doubt) for doubt in beside)]
     rows += [*alternative_rows(made), *list(files.items())[1:]]

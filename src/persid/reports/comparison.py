@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from persid._dyadics import value
+from persid._text import below
 from persid.certificates.certificate import Certificate
 from persid.identification.scores import Scores
 from persid.lyapunov.operating_points import find_operating_point
@@ -42,6 +43,15 @@ def measured_margin(verdict: Verdict, data: Measurements, hold: str) -> tuple[fl
         return None
     measured = measured_residuals(verdict.certificate.model, verdict.margin, data, hold)
     return measured.share(verdict.margin.delta), inside(measured, verdict.margin)
+
+
+def without_margin(verdict: Verdict, asked: float | None) -> tuple[str, ...]:
+    """Return that a residual margin (1/s) that was asked for is not shown, where that is so."""
+    margin = verdict.margin if isinstance(verdict, Certified) else None
+    if asked is None or (margin is not None and margin.delta >= asked):
+        return ()
+    shown = "none is shown" if margin is None else f"{below(margin.delta)} is shown"
+    return (f"a residual margin of {asked:g} 1/s was asked for; {shown}",)
 
 
 def _nominal(verdict: Verdict, model: Any) -> tuple[ndarray | None, ndarray | None]:

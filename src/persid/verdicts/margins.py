@@ -1,5 +1,6 @@
 """Search for the residual margin of a certified model, and for the certificate of every plant within it."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -45,6 +46,17 @@ def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Marg
             return Margin(largest, radius, resting, residuals.width, known, answer)
         failure = answer
     return failure
+
+
+def margin_by(certificate: Certificate) -> Margin:
+    """Return the residual margin that a certificate of plants shows, which a fit has asked for, with its bounds."""
+    model, x = certificate.model, certificate.operating_point
+    residuals = Residuals.of(model, model.m)
+    known = tuple(name for name, free in zip(model.states, residuals.free, strict=True) if not free)
+    radius = complex_radius(model.dense().jacobian(x), residuals)
+    resting = resting_bound(model, x, certificate.input, residuals)
+    margin = Margin(radius, radius, resting, residuals.width, known, certificate)
+    return replace(margin, largest=margin.delta)
 
 
 def _question(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Question:
