@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import persid as ps
+from checker import known_ledgers
 from checker.ledgers import data, rehashed
 from persid.certificates.certificate import Certificate
 from persid.errors import ModelError, PersidError
@@ -212,3 +213,12 @@ def test_states_alone_have_no_bound_of_outputs() -> None:
     assert isinstance(verdict.certificate, Certificate)
     with pytest.raises(PersidError, match="certify an OutputModel"):
         verdict.certificate.output_bound([1.0], 1.0, [0.0])
+
+
+def test_outputs_in_discrete_time_decay_by_steps() -> None:
+    """In discrete time the bound of an output falls by sqrt(1 - kappa) in each step, whatever its length in s."""
+    content = known_ledgers.load("steps_outputs")
+    certificate = Certificate.accept(data(content))
+    mantissa, exponent = content["kappa"]
+    start, later = certificate.output_bound([1.0, -1.0, 0.5], 0.0, [0.0, 5 * 0.125])
+    assert np.isclose(later / start, (1 - mantissa * 2.0**exponent) ** 2.5, rtol=1e-9)

@@ -1,6 +1,6 @@
 """Rigorous numbers of the outputs that a certificate bounds, rounded outwards.
 
-Specification: docs/certificate-format.md, "Outputs".
+Specification: docs/ledger.md, section 7, "outputs".
 """
 
 from fractions import Fraction
@@ -25,8 +25,7 @@ def bound(claim: Claim, x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray
     """Return the bound of |y_i - y_i*| at times t (s) from x0, for inputs with sup|u - u*| <= u_sup."""
     with ctx.workprec(bounds.BITS):
         V = bounds.lyapunov(claim, x0).hi
-        rate, kappa = bounds.ball(claim.kappa / 2), bounds.ball(claim.kappa)
-        still = bounds.spread(claim, kappa)  # of sqrt(V)
+        rate, still = bounds.decay(claim), bounds.spread(claim, bounds.ball(claim.kappa))  # of sqrt(V)
         stays = [_steepness(y) * bounds.ball(y.constant).sqrt() * still for y in claim.outputs]
         steady = [g * arb(u_sup) + s for g, s in zip(gains(claim), stays, strict=True)]
         start = [_steepness(y) * (bounds.ball(y.constant) * V).sqrt() if V > 0 else arb(0) for y in claim.outputs]
