@@ -2,6 +2,8 @@
 
 import copy
 import json
+import random
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +13,7 @@ import pytest
 import persid as ps
 from checker import known_ledgers
 from checker.ledgers import data, rehashed
+from checker.sampled import faults
 from persid.certificates.certificate import Certificate
 from persid.errors import ModelError, PersidError
 from persid.verdicts.outputs import certify_fit
@@ -222,3 +225,35 @@ def test_outputs_in_discrete_time_decay_by_steps() -> None:
     mantissa, exponent = content["kappa"]
     start, later = certificate.output_bound([1.0, -1.0, 0.5], 0.0, [0.0, 5 * 0.125])
     assert np.isclose(later / start, (1 - mantissa * 2.0**exponent) ** 2.5, rtol=1e-9)
+
+
+def _random_outputs(count: int, seed: int) -> Counter[str]:
+    """Random output models: what is certified holds at sampled states, and a constant a millionth less is refused."""
+    choose, counts = random.Random(seed), Counter[str]()
+    for k in range(count):
+        shape = {name: choose.choice((1, 2, 3)) for name in ("outputs", "m")}
+        shape |= {"n": choose.choice((2, 3, 4)), "q": choose.choice((0, 1, 3))}
+        _, certificate = certified(seed + k, output_map=choose.choice((None, "abs")), **shape)
+        content = copy.deepcopy(certificate.content)
+        assert content["format"] == "persid-certificate-2"
+        assert faults(content, samples=40) == [], k
+        counts["certified"] += 1
+        i = choose.randrange(shape["outputs"])
+        mantissa, exponent = content["outputs"]["constants"][i]
+        content["outputs"]["constants"][i] = [mantissa - mantissa // 10**6 - 1, exponent]
+        assert isinstance(check(data(content)), Rejected)
+        counts["refused a millionth lower"] += 1
+    print(dict(counts))
+    return counts
+
+
+@pytest.mark.long
+def test_random_outputs_keep_to_their_bounds() -> None:
+    """Of random output models every bound is true at sampled states, and the least that its factor proves."""
+    assert _random_outputs(20, seed=1000)["certified"] == 20
+
+
+@pytest.mark.slow
+def test_random_outputs_keep_to_their_bounds_of_five_hundred() -> None:
+    """The same for 500 models."""
+    assert _random_outputs(500, seed=2000)["certified"] == 500
