@@ -14,6 +14,7 @@ from scipy.sparse import csc_array
 
 import persid as ps
 from persid import plots
+from persid._text import pace
 from persid.commands.exit_codes import verdict_rows
 from persid.identification.scores import Ahead, Scores, held_out_scores
 from persid.identification.scores import Record as ScoredRecord
@@ -503,3 +504,28 @@ def test_a_typical_input_occurs() -> None:
     verdict = ps.certify(model)
     assert cautions(verdict, None, data, model) == ()
     assert verdict.certificate.operating_point[0] == pytest.approx(model.u_ref[0], rel=0.01)
+
+
+def test_the_page_counts_in_the_unit_of_time_that_was_asked_for(tmp_path: Path) -> None:
+    """Axes and rates of a page follow --time-unit, with round numbers as ticks; the record keeps the unit."""
+    model = ps.PersidskiiModel([[-1e-4]], [], [[1e-4]])
+    t = 60.0 * np.arange(600)
+    data = ps.Trajectories.from_arrays([model.simulate([1.0], t, np.ones((600, 1)))[0].x], t=[t], u=[np.ones((600, 1))])
+    record = Record("persid run data.csv -o out", (), {}, None, ATTEMPTS, versions(), time_unit="h")
+    verdict = ps.certify(model)
+    assert isinstance(verdict, Certified)
+    shown = Results(model, verdict, data, record)
+    page = report.render(shown)
+    assert "<dt>Rate, 1/h</dt>" in page
+    assert f"<dd>{pace(verdict.certificate.rate, 'h')}</dd>" in page
+    assert "t in s" not in page
+    drawn = report._drawings(shown, [])
+    ax = drawn["overview"][0].figure.axes[-1]
+    assert ax.get_xlabel() == "t in h"
+    ax.figure.canvas.draw()
+    labels = {label.get_text() for label in ax.get_xticklabels()}
+    assert {"2", "4", "6", "8"} <= labels
+    record.save(tmp_path)
+    again = Record.load(tmp_path)
+    assert again is not None
+    assert again.time_unit == "h"

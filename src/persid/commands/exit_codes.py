@@ -1,6 +1,5 @@
 """How a command ends: exit codes, errors in words, and the checks before and after the work that all commands share."""
 
-import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from persid._files import in_place
+from persid._text import SECONDS, pace
 from persid.errors import DataError, ModelError, PersidError
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ EXIT_CODES = {
     INTERRUPTED: "interrupted",
 }
 TIME_UNIT = "persid.time_unit"  # where a command keeps the unit of time of what it prints
-SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 KEPT = "interrupted.json"  # the model of a run that was interrupted after its fit
 EXIT = {"certified": DONE, "refuted": REFUTED, "undecided": UNDECIDED}
 
@@ -127,17 +126,13 @@ def named_gains(verdict: "Verdict") -> dict[str, float]:
 
 def _rate(rate: float) -> str:
     """Return a proved rate, rounded down, in the unit of time that was asked for."""
-    from persid._text import below
-
-    unit, seconds = _time_unit()
-    return f"{below(rate if seconds == 1 else math.nextafter(rate * seconds, 0))} 1/{unit}"
+    return f"{pace(rate, time_unit())} 1/{time_unit()}"
 
 
-def _time_unit() -> tuple[str, float]:
-    """Return the unit of time that was asked for, and its length in s."""
+def time_unit() -> str:
+    """Return the unit of time that was asked for."""
     ctx = click.get_current_context(silent=True)
-    unit = "s" if ctx is None else str(ctx.meta.get(TIME_UNIT, "s"))
-    return unit, SECONDS[unit]
+    return "s" if ctx is None else str(ctx.meta.get(TIME_UNIT, "s"))
 
 
 def _best(verdict: "Certified", asked: float | None) -> list[str]:
@@ -173,6 +168,6 @@ def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[s
         if len(set(named.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))
         margin = verdict.margin
-        near = [] if margin is None else [("plants", "\n".join(plants(margin, *_time_unit())))]
+        near = [] if margin is None else [("plants", "\n".join(plants(margin, time_unit(), SECONDS[time_unit()])))]
         return [("verdict", "\n".join([text, *bounds])), *near]
     return [("verdict", f"{brief.verdict}: {brief.reason}")]

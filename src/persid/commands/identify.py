@@ -20,6 +20,7 @@ from persid.commands.exit_codes import (
     kept,
     question,
     refuse_unwritable,
+    time_unit,
     uninterrupted,
     verdict_rows,
 )
@@ -163,9 +164,9 @@ def run(
         diagnosis = after(advise(fit, given, known, progress), how["delay"])
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         tested = sources(files_of(list(test))) if test else ()
-        record = Record(
-            _command(), sources(found), {**how, **states, "stride": fit.stride_}, fit.report_, *facts, tested, diagnosis
-        )
+        reading = {**how, **states, "stride": fit.stride_}
+        shown = (tested, diagnosis, time_unit())
+        record = Record(_command(), sources(found), reading, fit.report_, *facts, *shown)
         progress("drawing the report")
         held = kept_out if test else held_out(measured, made.scores)
         proof = write_folder(output, Results(made.model, verdict, measured, record, held), made.alternative)

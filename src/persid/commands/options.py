@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from persid.commands.exit_codes import SECONDS, TIME_UNIT
+from persid._text import SECONDS
+from persid.commands.exit_codes import TIME_UNIT
 from persid.identification.estimators import METHODS
 
 if TYPE_CHECKING:
@@ -316,7 +317,7 @@ proving = together(
                       "that is found; by default about half of the best one that is proved."),
     click.option("--time-unit", type=click.Choice(list(SECONDS)), default="s", show_default=True, expose_value=False,
                  is_eager=True, callback=lambda ctx, param, value: ctx.meta.__setitem__(TIME_UNIT, value),
-                 help="Unit of time of the rate that is printed; files and --json stay in s."),
+                 help="Unit of time of rates and of the axes of figures; model, proofs and --json stay in s."),
 )  # fmt: skip
 simulating = together(
     click.option("--x0", type=Numbers(), help="Initial state, such as 1,3."),

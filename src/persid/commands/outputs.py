@@ -1,12 +1,12 @@
 """What `persid run --outputs` does: a certified model of a system of which only inputs and outputs are measured."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from persid.commands.console import Talk
-from persid.commands.exit_codes import EXIT, kept, uninterrupted, verdict_rows
+from persid.commands.exit_codes import EXIT, kept, time_unit, uninterrupted, verdict_rows
 
 if TYPE_CHECKING:
     from persid.reports.output_runs import OutputScores
@@ -52,6 +52,7 @@ def run_outputs(asked: Asked, folder: Path, talk: Talk) -> int:
         progress("drawing the report")
         seen = sources(unfitted or found)
         record = Record(asked.command, seen, asked.reading, None, verdict.attempts, versions(), compared)
+        record = replace(record, time_unit=time_unit())
         proof = write_folder(folder, Results(fit.model_, verdict, unseen or measured, record))
     brief = summarize(verdict)
     paths = {

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._text import SECONDS
 from persid.identification.free_runs import Simulator, free_run_score, restarted
 from persid.identification.windows import noise_of
 from persid.measurements.moments import Moments
@@ -104,7 +105,12 @@ class Ahead:
     @property
     def length(self) -> str:
         """How far ahead, in words."""
-        return f"{self.seconds:.3g} s" if self.whole else f"{self.seconds:.3g} s ({self.steps} samples)"
+        return self.lasting()
+
+    def lasting(self, unit: str = "s") -> str:
+        """Return how far ahead in a unit of time, in words."""
+        time = f"{self.seconds / SECONDS[unit]:.3g} {unit}"
+        return time if self.whole else f"{time} ({self.steps} samples)"
 
 
 @dataclass(frozen=True)

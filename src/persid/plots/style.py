@@ -1,11 +1,16 @@
 """The look of all figures: colours, and what keeps curves, names and limits readable."""
 
+import re
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator, FuncFormatter
 from numpy import ndarray
+
+from persid._text import SECONDS
 
 MEASURED, MODEL, LEVEL, FIELD, FORM, INK = "#0072b2", "#d55e00", "#009e73", "#888888", "#cc79a7", "#111111"
 POINTS = 400  # a longer curve is drawn by its extremes in so many intervals
@@ -61,3 +66,24 @@ def limits(shown: Float[ndarray, " N"], other: Float[ndarray, " M"] | None = Non
         wide = span(shown, 0.5)
         low, high = max(wide[0], min(low, float(other.min()))), min(wide[1], max(high, float(other.max())))
     return low, high
+
+
+class _UnitLocator(AutoLocator):
+    """Ticks that are round numbers in a unit of so many s."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self.seconds = seconds
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        return [tick * self.seconds for tick in super().tick_values(vmin / self.seconds, vmax / self.seconds)]
+
+
+def timed_in(figure: Figure, unit: str) -> None:
+    """Let the axes of a figure that say "t in s" count in another unit of time."""
+    seconds = SECONDS[unit]
+    axes = [ax for ax in figure.axes if ax.get_xlabel().startswith("t in s")] if unit != "s" else []
+    for ax in (one for labelled in axes for one in labelled.get_shared_x_axes().get_siblings(labelled)):
+        ax.xaxis.set_major_locator(_UnitLocator(seconds))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / seconds:g}"))
+        ax.set_xlabel(re.sub(r"^t in s", f"t in {unit}", ax.get_xlabel()))

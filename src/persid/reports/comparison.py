@@ -16,7 +16,6 @@ from persid.models.model import PersidskiiModel
 from persid.plants.residuals import doubt, inside, measured_residuals
 from persid.verdicts.verdict import Certified, Refuted, Verdict
 
-UNDER = "under the certificate"
 MOST_STATES = 20  # of an undecided model whose equilibrium is sought anew
 
 
@@ -143,10 +142,24 @@ def alternative_rows(made: Any) -> list[tuple[str, str]]:
 
 def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
     """Return the free fit and the one under the certificate side by side, as rows of a table; none without two fits."""
-    rows = []
-    for fit in comparison["fits"] if comparison else ():
-        blown = f", {fit['blow_ups']} runs blow up" if fit["blow_ups"] else ""
-        rows.append((f"fit {fit['name']}", f"{fit['verdict']}; free run RMSE {fit['rmse']:.4g}{blown}"))
-    if comparison and comparison.get("free_model") and comparison["price"] is not None:
+    if not comparison:
+        return []
+    rows = [("free runs", both_fits(comparison))]
+    if comparison.get("free_model") and comparison["price"] is not None:
         rows.append(("price", f"the certified fit's error is {comparison['price']:.3g} times the free one's"))
     return rows
+
+
+def both_fits(comparison: Any) -> str:
+    """Return in one clause how free runs of the certified model and of the other one miss the data."""
+    free, *certified = comparison["fits"]
+    if not certified:
+        return f"no certified model; uncertified: free-run error {_error(free)}"
+    other = {"certified": "certified in a region", "refuted": "uncertified, proved not stable,"}
+    name = other.get(free["verdict"], "uncertified")
+    return f"certified model: free-run error {_error(certified[0])}; {name} {_error(free)}"
+
+
+def _error(fit: Any) -> str:
+    blown = f" ({fit['blow_ups']} runs blow up)" if fit["blow_ups"] else ""
+    return f"{fit['rmse']:.4g}{blown}"

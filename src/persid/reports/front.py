@@ -39,7 +39,8 @@ class Front:
 def front(results: Results) -> Front:
     """Return status and sentence: green only where the proof holds and the model foretells what it has not seen."""
     verdict, scores = results.verdict, _scores(results)
-    told = "" if scores is None else f"; {foretelling(scores)}"
+    unit = results.time_unit
+    told = "" if scores is None else f"; {foretelling(scores, unit)}"
     found = cautions(verdict, scores, results.data, results.model, results.hold)
     doubts = tuple(map(capital, found))
     if not isinstance(verdict, Certified):
@@ -48,7 +49,7 @@ def front(results: Results) -> Front:
         sentence = f"{verdict.reason.value.rstrip('.')}{told}."
         return Front("undecided", "?", "Undecided: neither proved stable nor refuted", sentence, doubts)
     doubts = doubts or ((capital(UNSCORED),) if scores is None else ())
-    sentence = f"{capital(in_the_long_run(verdict))}, by proof{told}."
+    sentence = f"{capital(in_the_long_run(verdict, unit))}, by proof{told}."
     proved = "Proved stable in a region" if verdict.certificate.scope == "regional" else "Proved stable"
     if doubts:
         return Front("certified doubtful", "!", f"{proved}, but doubtful", sentence, doubts)
@@ -59,12 +60,12 @@ def _scores(results: Results) -> Scores | None:
     return results.record.scores if results.record else None
 
 
-def foretelling(scores: Scores) -> str:
+def foretelling(scores: Scores, unit: str = "s") -> str:
     """Return in one clause how far the model is off, over which time, and on what."""
     row = scores.headline
     if row.blow_ups:
-        return f"on {scores.basis}, {row.blow_ups} of {row.runs} free runs over {row.length} blow up"
-    return f"on {scores.basis}, it is off by {max(row.percent):.2g} % of the range over {row.length}"
+        return f"on {scores.basis}, {row.blow_ups} of {row.runs} free runs over {row.lasting(unit)} blow up"
+    return f"on {scores.basis}, it is off by {max(row.percent):.2g} % of the range over {row.lasting(unit)}"
 
 
 def capital(text: str) -> str:

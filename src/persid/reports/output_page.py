@@ -11,7 +11,7 @@ from persid._text import above, below
 from persid.models.equations import equations
 from persid.models.outputs import OutputModel
 from persid.plots.outputs import output_run
-from persid.plots.style import short
+from persid.plots.style import short, timed_in
 from persid.reports import figures as drawings
 from persid.reports.figures import Drawing
 from persid.reports.front import UNSCORED, Front, capital, foretelling
@@ -36,6 +36,8 @@ def write_output_report(results: Results, folder: Path) -> None:
         drawn = [
             _drawing(model, run, k, i) for k, run in enumerate(runs[:RUNS]) for i in range(len(model.outputs[:OUTPUTS]))
         ]
+        for drawing in drawn:
+            timed_in(drawing.figure, results.time_unit)
         write_atomically(folder / REPORT, _page(results, model, runs, drawn))
         for drawing in drawn:
             write_atomically(folder / FIGURES / f"{drawing.name}.png", drawing.png)
@@ -65,7 +67,7 @@ def output_front(results: Results, model: OutputModel, runs: list[OutputRun]) ->
     verdict, compared = results.verdict, (results.record.comparison if results.record else None) or {}
     unseen = bool(compared.get("unseen"))
     scores = run_scores(runs, model, unseen) if runs else None
-    told = "" if scores is None else f"; {foretelling(scores)}"
+    told = "" if scores is None else f"; {foretelling(scores, results.time_unit)}"
     if not isinstance(verdict, Certified):
         return Front(summarize(verdict).verdict, "?", "Undecided", f"{verdict.headline.rstrip('.')}{told}.", ())
     held_out = next((row.get("held_out") for row in compared.get("candidates") or ()), None)
@@ -85,7 +87,7 @@ def _page(results: Results, model: OutputModel, runs: list[OutputRun], drawn: li
         environment()
         .get_template("output_report.html.jinja")
         .render(
-            model=model, brief=summarize(verdict), front=output_front(results, model, runs),
+            model=model, brief=summarize(verdict), unit=results.time_unit, front=output_front(results, model, runs),
             limits=limits(verdict, model.dynamics), certificate=certificate, below=below, above=above, runs=runs,
             drawings=drawn, record=results.record, equations=equations(model),
             candidates=compared.get("candidates") or [], notes=compared.get("notes") or [],

@@ -18,8 +18,10 @@ from persid.models.equations import equations
 from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
+from persid.plots.style import timed_in
 from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
+from persid.reports.comparison import both_fits
 from persid.reports.figures import Drawing, FreeRun
 from persid.reports.front import front, picture
 from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, PLANTS, REPORT, WITNESS
@@ -77,7 +79,7 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
     free = (compared or {}).get("free_model")
     others = drawings.free_runs(PersidskiiModel.from_dict(free), data) if free else [None] * len(runs)
     x, u = _samples(data) if data else (np.zeros((0, model.n)), np.zeros((0, model.m)))
-    return {
+    drawn = {
         "front": picture(results),
         "overview": [drawings.overview(data)] if data else [],
         "free_run": [drawings.free_run(model, *pair) for pair in zip(runs, others, strict=True)],
@@ -92,6 +94,9 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
         "plants": portraits.plants(results.verdict, data, results.hold),
         "attempts": drawings.attempts(results.verdict),
     }
+    for drawing in (one for part in drawn.values() for one in part):
+        timed_in(drawing.figure, results.time_unit)
+    return drawn
 
 
 def _samples(data: Trajectories) -> tuple[ndarray, ndarray]:
@@ -106,11 +111,13 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
     model, verdict = results.dynamics.dense(), results.verdict
     proof, claim, name = _proven(verdict)
     diagnosis = results.record.diagnosis if results.record else None
+    compared = results.record.comparison if results.record else None
     return template.render(
         model=model,
         model_sha256=results.model.sha256,
         verdict=verdict,
         brief=summarize(verdict),
+        unit=results.time_unit,
         headline=verdict.headline,
         front=front(results),
         limits=limits(verdict, model),
@@ -131,6 +138,7 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         diagnosis=diagnosis,
         advice=(*diagnosis.remedies, *diagnosis.findings) if diagnosis else (),
         fit=results.record.fit if results.record else None,
+        both_fits=both_fits(compared) if compared else "",
         spectrum=_spectrum(results),
         candidates=_candidates(results),
         runs=runs,

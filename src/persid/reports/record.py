@@ -34,7 +34,8 @@ class Record:
     """How the results of a run came about. `reading` holds the options of `read_csv`.
 
     `comparison` sets the free fit and the one under the certificate side by side, where both were made; `scores` are
-    the delivered model's on data that it has not seen, `test` the files that were kept from the fit for them.
+    the delivered model's on data that it has not seen, `test` the files that were kept from the fit for them;
+    `time_unit` is that of what is shown.
     """
 
     command: str
@@ -47,6 +48,7 @@ class Record:
     scores: Scores | None = None
     test: tuple[Source, ...] = ()
     diagnosis: Diagnosis | None = None
+    time_unit: str = "s"
 
     def save(self, folder: Path) -> None:
         """Write run.json; paths of measurements are kept absolute."""

@@ -35,6 +35,11 @@ class Results:
     held: Trajectories | None = None
 
     @property
+    def time_unit(self) -> str:
+        """The unit of time of rates and axes."""
+        return self.record.time_unit if self.record else "s"
+
+    @property
     def dynamics(self) -> PersidskiiModel:
         """The model of the states, whose outputs may be what was measured."""
         return self.model.dynamics if isinstance(self.model, OutputModel) else self.model

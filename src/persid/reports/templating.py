@@ -8,7 +8,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy import ndarray
 
-from persid._text import above, below
+from persid._text import above, below, pace
 from persid.measurements.trajectory import Trajectory
 
 
@@ -24,6 +24,7 @@ def environment() -> Environment:
     found.filters |= {
         "below": below,
         "above": above,
+        "per": pace,
         "figure": _number,
         "cell": _cell,
         "step": _median_step,

@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, dataclass
 
 from persid._files import Json
-from persid._text import above, below
+from persid._text import above, below, pace
 from persid.certificates.certificate import Certificate
 from persid.certificates.margin import Margin
 from persid.models.model import PersidskiiModel
@@ -94,13 +94,13 @@ def plants(margin: Margin, unit: str = "s", seconds: float = 1.0) -> tuple[str, 
     )
 
 
-def in_the_long_run(verdict: Certified) -> str:
-    """Return in one clause what a certificate says of every run, with its numbers rounded outwards."""
+def in_the_long_run(verdict: Certified, unit: str = "s") -> str:
+    """Return in one clause what a certificate says of every run, its numbers rounded outwards, rates per `unit`."""
     certificate = verdict.certificate
     start = "from every start in the certified region" if certificate.scope == "regional" else "from every start"
     if not certificate.model.m and not certificate.counts_b:
-        pace = "" if certificate.rate is None else f", at {below(certificate.rate)} 1/s at least"
-        return f"{start} its state goes to x*{pace}"
+        speed = "" if certificate.rate is None else f", at {pace(certificate.rate, unit)} 1/{unit} at least"
+        return f"{start} its state goes to x*{speed}"
     if certificate.gain is not None and not certificate.counts_b:
         limit = certificate.input_bound if isinstance(certificate, Certificate) else None
         sizes = "" if limit is None else f" while |u - u*| stays below {below(limit)}"
