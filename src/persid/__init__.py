@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from persid import plots as plots
     from persid.certificates.certificate import Certificate as Certificate
+    from persid.certificates.foretold import free_run_bound as free_run_bound
     from persid.certificates.obstruction import Obstruction as Obstruction
     from persid.certificates.witness import Witness as Witness
     from persid.certified_fits.bootstrap import Bootstrap as Bootstrap
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from persid.models.files import load_model as load_model
     from persid.models.model import PersidskiiModel as PersidskiiModel
     from persid.models.outputs import OutputModel as OutputModel
+    from persid.models.recurrent import from_rnn as from_rnn
     from persid.networks.certificate import NetworkCertificate as NetworkCertificate
     from persid.plants.margin import PlantMargin as PlantMargin
     from persid.plants.margin import plant_margin as plant_margin
@@ -82,6 +84,8 @@ _HOMES = {
     "persid.measurements.recordings": ("Recordings",),
     "persid.measurements.opening": ("open_recordings",),
     "persid.models.exports.pysindy": ("from_pysindy",),
+    "persid.models.recurrent": ("from_rnn",),
+    "persid.certificates.foretold": ("free_run_bound",),
     "persid.measurements.trajectories": ("Trajectories",),
     "persid.measurements.trajectory": ("Trajectory",),
     "persid.certificates.witness": ("Witness",),
@@ -128,7 +132,9 @@ __all__ = [
     "check",
     "equations",
     "find_operating_point",
+    "free_run_bound",
     "from_pysindy",
+    "from_rnn",
     "load_certificate",
     "load_model",
     "open_recordings",

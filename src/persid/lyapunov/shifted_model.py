@@ -92,6 +92,16 @@ class Setting:
         """
         return 0.5 * kappa if self.model.dt is None else -float(np.expm1(0.5 * np.log1p(-kappa)))
 
+    @property
+    def monotone(self) -> "Setting":
+        """The setting with nondecreasing forms alone: what they prove about x* holds between any two solutions."""
+        setting = self
+        for curve, forms in self.pools.items():
+            rising = nondecreasing_pool(curve) if curve.functions else ()
+            for k in reversed([k for k, form in enumerate(forms.tolist()) if tuple(form) not in rising]):
+                setting = setting._without(curve, k)
+        return setting
+
     def loss(self, rate: float) -> float:
         """Return the kappa that goes with a rate of the state in 1/s: 2 rate, or 1 - exp(-2 rate dt) in a step."""
         return 2 * rate if self.model.dt is None else -float(np.expm1(-2 * rate * self.model.dt))

@@ -40,6 +40,7 @@ def certify(
     domain: Any = "global",
     gains: str = "joint",
     rate: float | int | None = None,
+    incremental: bool = False,
     time_limit: float | int = 60.0,
     progress: Progress | None = None,
     device: str = "cpu",
@@ -61,6 +62,8 @@ def certify(
         rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
             not proved, the best one that is, which verdict.best_rate tells. The gain is smallest at about half of that
             one: the default. A weighted l1 norm has the rate that it has.
+        incremental: whether the bounds are to hold between any two solutions, of a model in discrete time for all
+            states. Fewer forms prove that, so that gains may be larger; often it holds without being asked for.
         time_limit: seconds after which the search stops with what it has; with 0 nothing is simulated either.
         progress: is called with a line of text at each step.
         device: where the matrix inequalities are solved: "cpu", with NumPy and SciPy, or a device of PyTorch, such as
@@ -89,6 +92,8 @@ def certify(
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
+    if incremental and (not dynamics.is_discrete or not isinstance(domain, str) or domain != "global"):
+        raise ModelError("incremental=True is for models in discrete time and for all states")
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
     arrays = arrays_on(device)
@@ -100,7 +105,7 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            return _decide(_Asked(dynamics, near, u, box, gains == "each", rate, outputs, arrays), log)
+            return _decide(_Asked(dynamics, near, u, box, gains == "each", rate, outputs, incremental, arrays), log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
@@ -122,6 +127,7 @@ class _Asked:
     each: bool
     rate: float | int | None
     outputs: OutputModel | None = None
+    incremental: bool = False
     arrays: Arrays = HOST
 
 
@@ -140,7 +146,7 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
     verdict = None if asked.box is not None else _global(asked, points, log)
     if isinstance(verdict, Certified | Refuted):
         return verdict
-    box = asked.model.domain if asked.box is None else asked.box
+    box = asked.model.domain if asked.box is None and not asked.incremental else asked.box
     regional = verdict if box is None else _regional(asked, points, box, log)
     if isinstance(regional, Certified):
         return regional
@@ -200,6 +206,7 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
     if log.left() <= 0:
         return stopped(Status.TIME)
     setting, failure = Setting.of(asked.model, points[0], arrays=asked.arrays), stopped(Status.TIME)
+    setting = setting.monotone if asked.incremental else setting
     for kind in _kinds(asked.model):
         with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
             answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log, asked.outputs)
