@@ -183,6 +183,23 @@ def _worst_step(look: Sampled, x: Array, v: Array, after: Array) -> float:
     return max(look.V(end) for end in ends)
 
 
+def faults_of_pairs(content: dict[str, Any], seed: int = 0, samples: int = SAMPLES) -> list[str]:
+    """Faults with what a ledger asserts of any two solutions: V(d)' <= -kappa V(d) + (u - u~)'Gamma (u - u~)."""
+    rng, look, found = np.random.default_rng(seed), Sampled(content), []
+    m, kappa = look.model.m, number(content["kappa"])
+    Gamma = _Gamma(content, m + (look.null and bool(look.model.b.any())))[:m, :m]
+    for _ in range(samples):
+        x, y = rng.normal(size=(2, look.model.n)) * 10 ** rng.uniform(-3, 1.2)
+        v, w = rng.normal(size=(2, m)) * 10 ** rng.uniform(-3, 2)
+        d, rise = x - y, look.rise(x, v) - look.rise(y, w)
+        V = float(d @ look.P @ d)
+        change = float(rise @ look.P @ rise) - V if look.discrete else 2 * float(d @ look.P @ rise)
+        limit = -kappa * V + float((v - w) @ Gamma @ (v - w))
+        if change > limit + TOLERANCE * (abs(change) + abs(limit) + V) + 1e-12:
+            found.append(f"{change} > {limit} between {x} and {y}")
+    return found[:5]
+
+
 def _offsets(look: Sampled, kappa: float) -> tuple[float, float]:
     slack = below = 0.0
     for each, curve, *_ in look.points:
