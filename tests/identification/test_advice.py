@@ -1,12 +1,13 @@
 """Diagnosis: what ails the measurements is found by trying the cure, and a fit that is well is left alone."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import persid as ps
-from ailing import AILMENTS, first_order, recorded, sound, steps
+from ailing import AILMENTS, first_order, oscillator, recorded, sound, steps
 
 
 @pytest.mark.long
@@ -51,6 +52,31 @@ def test_a_good_fit_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
             found = ps.advise(fit, data)
         assert (found.remedies, found.findings, found.tried) == ((), (), 0)
         assert str(found).startswith("nothing to mend")
+
+
+def test_files_that_were_kept_judge_the_remedies() -> None:
+    """With `test` remedies are fitted to all of the data and scored on what was kept from the fit."""
+    data = AILMENTS["position"].make()
+    other = recorded(oscillator(steps(5))[:, :1], steps(5))
+    fit = ps.PersidskiiIdentifier(["x"]).fit(data)
+    found = ps.advise(fit, data, test=other)
+    assert found.remedies[0].kind == "velocity"
+    assert found.remedies[0].r2 is not None
+    assert found.remedies[0].r2 > 0.99
+    noise = recorded(np.random.default_rng(0).normal(size=(1000, 1)), steps(5))
+    judged = ps.advise(fit, data, test=noise)
+    assert judged.tried
+    assert not judged.remedies
+
+
+def test_a_product_is_measured() -> None:
+    """What a product would explain stands in numbers, from a regression."""
+    ailment = AILMENTS["product"]
+    data = ailment.make()
+    found = ps.advise(ps.PersidskiiIdentifier(list(ailment.functions)).fit(data), data)
+    said = next(one.what for one in found.findings if one.kind == "product")
+    left, without = (float(part) for part in re.findall(r"([\d.e-]+) % (?:stay with|without)", said))
+    assert left < 0.5 * without
 
 
 def test_what_is_read_chunk_by_chunk_is_diagnosed_too(tmp_path: Path) -> None:

@@ -155,13 +155,13 @@ def run(
             else Delivery(fit.model_, verdict, scores=trial(fit, None, given).free)
         )
         if test:
-            kept_out, basis = embedded(read_measurements(files_of(list(test)), **how), **states), other_files(test)
-            kept_out = kept_out.with_inputs(measured.inputs)
+            others = read_measurements(files_of(list(test)), **how).with_inputs(measured.inputs)
+            kept_out, basis = embedded(others, **states), other_files(test)
             mine = unseen_scores(made.model, kept_out, basis, fit.hold)
             other = mine if made.model is fit.model_ else unseen_scores(fit.model_, kept_out, basis, fit.hold)
             made = replace(made, scores=mine, free_scores=other)
-        known = None if test else made.free_scores or made.scores
-        diagnosis = after(advise(fit, given, known, progress), how["delay"])
+        judged = others if test else None
+        diagnosis = after(advise(fit, given, made.free_scores or made.scores, progress, judged), how["delay"])
         verdict, facts = made.verdict, (made.verdict.attempts, versions(), made.comparison, made.scores)
         tested = sources(files_of(list(test))) if test else ()
         reading = {**how, **states, "stride": fit.stride_}

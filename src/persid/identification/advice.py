@@ -17,7 +17,7 @@ from persid.identification import suspicions
 from persid.identification.derivatives import embedded, velocity_names
 from persid.identification.increments import best_product, dead_times
 from persid.identification.options import HOLDS
-from persid.identification.scores import Ahead, Record, Scores, held_out_scores, hold_out
+from persid.identification.scores import Ahead, HeldOut, Record, Scores, held_out_scores, hold_out
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings, without_still_inputs
 from persid.measurements.trajectories import Trajectories
@@ -107,6 +107,7 @@ def advise(
     data: Measurements,
     scores: Scores | None = None,
     progress: Callable[[str], None] | None = None,
+    test: Trajectories | None = None,
 ) -> Diagnosis:
     """Try the usual remedies where a fitted PersidskiiIdentifier foretells little; say what each gives.
 
@@ -117,6 +118,7 @@ def advise(
         data: the measurements that it was fitted to.
         scores: its scores on held-out data, where they are known.
         progress: is called with a line of text.
+        test: measurements that were kept from the fit; remedies then are fitted to all of `data` and judged by these.
 
     Examples:
         >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
@@ -127,14 +129,16 @@ def advise(
         steps = Advice("steps", "in discrete time no remedies are tried; a fit in continuous time would be")
         return Diagnosis() if _is_good(fit, scores) else Diagnosis(findings=(steps,))
     looked_at = without_still_inputs(beginnings(data, LONGEST, MOST_RUNS))
-    work = embedded(looked_at, fit.derivatives, fit.delays)
+    kept = () if test is None else beginnings(test.with_inputs(looked_at.inputs), LONGEST, MOST_RUNS).runs
+    both = Trajectories((*looked_at, *kept), looked_at.states, looked_at.inputs)
+    work = embedded(both, fit.derivatives, fit.delays)
     base = fit.on_appended()
     codes = list(suspicions.missing_codes(looked_at))
     if not codes and _is_good(fit, scores):
         return Diagnosis()
     if fit.basis_.size > MOST_COLUMNS:
         return Diagnosis(findings=tuple(_coded(codes)))
-    before = _foretold(base, work, None)
+    before = _foretold(base, work, None, len(kept))
     if before is None:
         return Diagnosis(findings=tuple(_coded(codes)))
     record, ahead = before
@@ -148,10 +152,13 @@ def advise(
     found: list[Advice] = []
     count = 0
     for trial in trials:
+        if kept and len(trial.data) != len(work):  # it cuts runs, and which of them were kept is lost
+            continue
         count += 1
         if progress is not None:
             progress(f"trying remedies: {trial.advice.what}")
-        outcome = _foretold(trial.fit, trial.data, None if codes or trial.advice.kind in suspicions.THIN else record)
+        like = None if codes or trial.advice.kind in suspicions.THIN else record
+        outcome = _foretold(trial.fit, trial.data, like, len(kept))
         if outcome is not None:
             mine, left = _figures(outcome[1], _measured(trial.data))
             calmer = outcome[1].blow_ups <= ahead.blow_ups
@@ -187,9 +194,17 @@ def _figures(ahead: Ahead, places: Sequence[int]) -> tuple[float, float]:
     return float(r2.mean()), float(np.sqrt(np.maximum(1 - r2, 0).mean()))
 
 
-def _foretold(fit: Any, data: Trajectories, like: Record | None) -> tuple[Record, Ahead] | None:
+def _parts(data: Trajectories, kept: int) -> HeldOut | None:
+    """Hold out a part of the measurements: the last runs, so many as were kept from the fit, or else what is usual."""
+    if not kept:
+        return hold_out(data)
+    first, last = (Trajectories(runs, data.states, data.inputs) for runs in (data.runs[:-kept], data.runs[-kept:]))
+    return HeldOut(first, last, tuple(run[:0] for run in last), "what was kept from the fit")
+
+
+def _foretold(fit: Any, data: Trajectories, like: Record | None, kept: int = 0) -> tuple[Record, Ahead] | None:
     """Fit without the held-out part and score on it, over the horizon of another record; None where it cannot be."""
-    parts = hold_out(data)
+    parts = _parts(data, kept)
     if parts is None:
         return None
     record = Record.of(data)
@@ -329,9 +344,11 @@ def _findings(base: Any, data: Trajectories, fit: Any, found: Sequence[Advice]) 
                 "from what they do; move it, or the set point, by a test signal of its own",
             )
     whole = fit.basis_.states == data.states and fit.basis_.inputs == data.inputs
-    if product := whole and best_product(data, fit.basis_, fit.report_.window or choose_window(data)):
+    if found_product := whole and best_product(data, fit.basis_, fit.report_.window or choose_window(data)):
+        product, left, without = found_product
         what = (
-            f"the product {product} would explain much of what is left; a generalised Persidskii model has no "
+            f"the product {product} would explain much of what is left: of the squared moves over windows "
+            f"{100 * left:.2g} % stay with it, {100 * without:.2g} % without it; a generalised Persidskii model has no "
             "products: other coordinates (logarithms, a ratio) may turn it into a sum"
         )
         yield Advice("product", what)

@@ -71,10 +71,11 @@ def _late(run: Trajectory, lags: Sequence[int], most: int) -> Trajectory:
     return Trajectory(run.t[most:], run.x[most:], u)
 
 
-def best_product(data: Trajectories, basis: Basis, window: int) -> str | None:
+def best_product(data: Trajectories, basis: Basis, window: int) -> tuple[str, float, float] | None:
     """Return the product of two states, or of a state and an input, that explains most of what a basis leaves.
 
-    None where it leaves more than half.
+    Beside it, the shares of the squared increments that are left with it and without it; None where it leaves more
+    than half of the latter.
     """
     names = [*data.states, *data.inputs]
     pairs = [(i, j) for i, j in combinations(range(len(names)), 2) if i < len(data.states)][:MOST_PRODUCTS]
@@ -86,7 +87,8 @@ def best_product(data: Trajectories, basis: Basis, window: int) -> str | None:
     products = increments(runs, wide, window, "paper")[0][:, basis.state_columns : -1]
     left = [left_over(np.column_stack([columns, product]), moved) for product in products.T]
     best = int(np.argmin(left))
-    return wide.inputs[best] if left[best] < EXPLAINS * left_over(columns, moved) else None
+    without = left_over(columns, moved)
+    return (wide.inputs[best], left[best], without) if left[best] < EXPLAINS * without else None
 
 
 def _products(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> Float[ndarray, "N k"]:

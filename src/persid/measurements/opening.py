@@ -70,9 +70,15 @@ def open_recordings(
     """
     columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run)
     if delay:
-        raise DataError("delay= needs the data in memory: an input may lie in the chunk before; read them whole")
+        raise DataError(
+            "delay= needs the data in memory, since what acts at the beginning of a chunk lies in the chunk before it; "
+            "read them whole, or write the file anew with its inputs moved down"
+        )
     if missing == "drop" and dt is not None:
-        raise DataError('missing="drop" chunk by chunk needs a column of times (time=), not a step (dt=)')
+        raise DataError(
+            'missing="drop" chunk by chunk needs a column of times (time=), not a step (dt=): a chunk does not know '
+            "how many rows went before it; name that column, or read the data whole"
+        )
     return look_through(list(_chunks_of(source)), columns, make_engine(engine, scheduler, progress))
 
 
