@@ -23,6 +23,7 @@ TITLES = {
     "two_tanks": "Two tanks with square-root outflow: a region",
     "lure": "A Lur'e system: functions of combinations of states",
     "recurrent_network": "A recurrent network: how strong may its feedback be?",
+    "discrete": "A loop that overshoots: discrete time",
     "duffing": "A Duffing oscillator with damping",
     "power_swing": "Three areas of a power grid",
     "network": "A network of 10,000 states",
