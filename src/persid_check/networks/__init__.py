@@ -1,1 +1,1 @@
-"""Networks, by a weighted l1 norm: claim L1, and that no weights serve (docs/certificate-format.md)."""
+"""Networks, by a weighted l1 norm: claim L1, and that no weights serve (docs/network-format.md)."""

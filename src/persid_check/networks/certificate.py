@@ -1,6 +1,6 @@
 """Claim L1: V = sum w_k |x_k| decreases along every solution, proved node by node over generators of small cones.
 
-The specification, with its proof, is in docs/certificate-format.md.
+The specification, with its proof, is in docs/network-format.md.
 """
 
 from collections.abc import Mapping, Sequence, Sized

@@ -1,4 +1,4 @@
-"""Refutations and obstructions of format 1 as values; see docs/certificate-format.md."""
+"""Refutations and obstructions of format 1 as values; see docs/refutation-format.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
