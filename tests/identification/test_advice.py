@@ -69,6 +69,16 @@ def test_files_that_were_kept_judge_the_remedies() -> None:
     assert not judged.remedies
 
 
+def test_hidden_states_are_tried() -> None:
+    """Where a part of the state is hidden, a small linear model with hidden states is fitted, and its score is told."""
+    data = AILMENTS["hidden"].make()
+    found = ps.advise(ps.PersidskiiIdentifier(["x"]).fit(data), data)
+    advice = next(one for one in found.findings if one.kind == "outputs")
+    assert advice.r2 is not None
+    assert advice.r2 > 0.999
+    assert "of order 3, run freely over the last quarter" in advice.what
+
+
 def test_a_product_is_measured() -> None:
     """What a product would explain stands in numbers, from a regression."""
     ailment = AILMENTS["product"]

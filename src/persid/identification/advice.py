@@ -16,7 +16,10 @@ from persid.errors import PersidError
 from persid.identification import suspicions
 from persid.identification.derivatives import embedded, velocity_names
 from persid.identification.increments import best_product, dead_times
+from persid.identification.koopman import sample_step
 from persid.identification.options import HOLDS
+from persid.identification.outputs.answer import answered
+from persid.identification.outputs.selection import Question
 from persid.identification.scores import Ahead, HeldOut, Record, Scores, held_out_scores, hold_out
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings, without_still_inputs
@@ -30,6 +33,7 @@ HELPS = 0.7  # of the error is left, at most, where a remedy is named
 LONGEST, MOST_RUNS = 4000, 20  # samples and runs that are tried on
 MOST_STATES = 20  # with what a remedy appends
 MOST_COLUMNS = 200  # a larger basis is not fitted again and again
+HIDDEN_SAMPLES, MOST_HIDDEN = 2000, 6  # of a run, of at most so many, and so many hidden states, for a trial of them
 PAST = 3  # delayed copies that tell whether the past helps
 FEEDBACK = 0.05  # share of an input that the states leave free
 DELAYED = re.compile(r".*\(t-\d+\)")
@@ -354,10 +358,25 @@ def _findings(base: Any, data: Trajectories, fit: Any, found: Sequence[Advice]) 
         yield Advice("product", what)
     elif found and found[0].kind == "past":
         names = ",".join(data.states)
+        r2, error, tried = _hidden(data, base.hold)
         yield Advice(
             "outputs",
             "the past tells more than the present and the velocities: part of the state is hidden, and "
-            "OutputIdentifier finds it from what was measured",
+            f"OutputIdentifier finds it from what was measured{tried}",
             (("--outputs", names),),
             "ps.OutputIdentifier().fit(data)",
+            r2,
+            error,
         )
+
+
+def _hidden(data: Trajectories, hold: str) -> tuple[float | None, float | None, str]:
+    """Fit a linear model with hidden states; return R2 and error of its free run over unseen samples, and words."""
+    order = min(PAST * len(data.states), MOST_HIDDEN)
+    question = Question(order, 0, hold="zoh" if hold == "zoh" else "foh", seeds=(0,))
+    records = [(run.u[:HIDDEN_SAMPLES], run.x[:HIDDEN_SAMPLES]) for run in data][:MOST_HIDDEN]
+    try:
+        error = answered(records, sample_step(data), question).candidate.held_out
+    except (PersidError, ValueError, np.linalg.LinAlgError):  # uneven times, records too short
+        return None, None, ""
+    return 1 - error**2, error, f" (linear, of order {order}, run freely over the last quarter of every run)"

@@ -162,7 +162,9 @@ class Scores:
             found.append(f"{row.blow_ups} of {row.runs} free runs over {row.length} blow up")
         elif self.beaten_by:
             names = " and than ".join(self.beaten_by)
-            found.append(f"over {row.length} the model foretells less than {names} (R2 {row.r2_mean:.2g})")
+            best = max(1 - error**2 for name, error in self.rivals if name in self.beaten_by)
+            r2 = f"R2 {row.r2_mean:.2g}, without a model {best:.2g}"
+            found.append(f"over {row.length} the model foretells less than {names} ({r2})")
         means = self.mean_r2 or (0.0,) * len(self.states)
         each = zip(self.states, row.r2, means, strict=True)
         poor = [f"{name} (R2 {r:.2g})" for name, r, mean in each if r < min(mean, 0.0) - self.floor**2]
