@@ -1,8 +1,8 @@
 """A Duffing oscillator with damping: a hard spring, and a double well.
 
-The hard spring returns to rest from everywhere, but only a region of it is certified: the cube has no damping of its
-own, and the Lyapunov functions that are searched need some far out. The double well has three equilibria and is
-refuted globally; about the right one a region is certified. That a region is small says nothing about the true basin.
+The hard spring is certified globally: its cube has no damping of its own, so its row in the proof is made exactly zero.
+A region is certified, too, for comparison. The double well has three equilibria and is refuted globally; about the
+right one a region is certified. That a region is small says nothing about the true basin.
 
     x1' = x2,   x2' = k x1 - x1^3 - x2/2 + u          (k = -1: hard spring; k = 1: double well)
 

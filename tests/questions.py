@@ -69,7 +69,7 @@ ASKED = (
           "B": [[0.0], [0.0]]}),
     Case("dead zone at u = 0.5", "certified", "From 1.5 the dead zone is far: y f(y) >= 0.2 y^2, so there it is ISS.",
          _one({"deadzone(x)": -1.0}), {"u_op": [0.5]}),
-    Case("cross relu at (0, 0)", "undecided", "Unstable at u = (3, 3) only.",
+    Case("cross relu at (0, 0)", "certified", "relu(x1) relu(x2) >= 0 proves it; unstable at u = (3, 3) only.",
          {"A0": -np.eye(2), "terms": [("relu(x)", None, [[0.0, -2.0], [-2.0, 0.0]])], "B": np.eye(2)}),
 )  # fmt: skip
 

@@ -52,12 +52,16 @@ def written_cuts(cuts: Cuts) -> list[Any]:
 
 @dataclass(frozen=True)
 class Use:
-    """A form as a point uses it: c and d of its integral where it is a density, `spans` where it has to grow."""
+    """A form as a point uses it: c and d of its integral where it is a density, `spans` where it has to grow.
+
+    `kinds` are those that will do, the one that says most first.
+    """
 
     form: Form
     c: Fraction | None = None
     d: Fraction = _ZERO
     spans: bool = False
+    kinds: tuple[str, ...] = SECTOR
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ class Curve:
         forms: list[dict[str, Any]] = []
         extra: list[dict[str, Any]] = []
         for use in uses:
-            entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else SECTOR))
+            entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else use.kinds))
             if use.c is not None:
                 entry["upper"] = self._upper(use.form, entry["is"], use.c)
             if use.d:
@@ -111,7 +115,13 @@ class Curve:
     def holds_about_any(self, use: Use) -> bool:
         """Whether the form is nondecreasing and its bounds follow from that: then the centre plays no part."""
         free = use.c is None or use.c >= (1 if any(use.form[1:]) or use.form[0] < 0 else Fraction(1, 2))
-        return free and not use.d and not use.spans and cuts_of(self.lemma(use.form, "nondecreasing"), None) is not None
+        return (
+            free
+            and use.kinds == SECTOR
+            and not use.d
+            and not use.spans
+            and cuts_of(self.lemma(use.form, "nondecreasing"), None) is not None
+        )
 
     def _kind(self, form: Form, kinds: Sequence[str]) -> tuple[str, Cuts]:
         for kind in kinds:

@@ -308,7 +308,7 @@ proving = together(
     click.option("--operating-point", type=Numbers(),
                  help="State near the equilibrium that is meant; by default the one nearest to x_ref."),
     click.option("--u-op", type=Numbers(), help="Nominal constant input; by default u_ref."),
-    click.option("--domain", type=click.Choice(["global", "data"]), default="global", show_default=True,
+    click.option("--domain", type=click.Choice(["global", "auto", "data"]), default="global", show_default=True,
                  help="Ask for all states first, or for a region in the box of the data only."),
     click.option("--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True,
                  help="Seconds for each verdict."),

@@ -1,5 +1,6 @@
 """The verdict on a model: certified, refuted, or undecided with its reason, by the attempts that cost least first."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -14,6 +15,7 @@ from persid.certificates.outputs import refuse_steep_maps
 from persid.certificates.witness import find_witness
 from persid.errors import ModelError
 from persid.lyapunov.arrays import HOST, Arrays, arrays_on
+from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
 from persid.lyapunov.shifted_model import Setting, undefined
@@ -22,6 +24,7 @@ from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
+from persid.verdicts.facts import by_facts, by_strips, frame_of, has_zero_rows
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log, Progress
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
@@ -29,6 +32,8 @@ from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
 FULL_P_STATES = 50  # a full P is tried up to this many states
+Way = Callable[[], "Certified | NetworkCertificate | Failure"]
+FACTS_STATES = 60  # facts across functions are tried up to this many states
 FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 50 it takes five times as long
 
 
@@ -56,7 +61,8 @@ def certify(
             output in its own unit, in place of the states: certificate.output_gains and output_bound.
         operating_point: "auto" (the equilibrium nearest to x_ref) or a state; the equilibrium nearest to it is meant.
         u_op: the nominal constant input, (m,), default u_ref.
-        domain: "global"; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
+        domain: "global"; "auto" for the largest region that is found, its bounds chosen by the search; "data" for a
+            region in the model's box of data only; or a box [[lo, hi], …].
         gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
             where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
         rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
@@ -105,7 +111,10 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            return _decide(_Asked(dynamics, near, u, box, gains == "each", rate, outputs, incremental, arrays), log)
+            asked = _Asked(
+                dynamics, near, u, box, gains == "each", rate, outputs, incremental, arrays, auto=_is_auto(domain)
+            )
+            return _decide(asked, log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
@@ -129,11 +138,12 @@ class _Asked:
     outputs: OutputModel | None = None
     incremental: bool = False
     arrays: Arrays = HOST
+    auto: bool = False  # a region is asked for, and its bounds are for the search to choose
 
 
 def _decide(asked: _Asked, log: Log) -> Verdict:
     """Answer the global question, unless a box is given; then the regional one, where there is a box."""
-    if asked.model.is_sparse and asked.box is None:
+    if asked.model.is_sparse and asked.box is None and not asked.auto:
         found = _by_weights(asked, log)
         if isinstance(found, NetworkCertificate):
             return Certified(found, tuple(log.attempts))
@@ -143,6 +153,9 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
     with log.attempt("equilibria at the nominal input") as outcome:
         points = find_operating_point(asked.model, asked.u, near=asked.near)
         outcome.append(f"{len(points)} found and proved")
+    if asked.auto:
+        widest = _by_strips(asked, points, log)
+        return widest if isinstance(widest, Certified) else _undecided(widest, asked, log)
     verdict = None if asked.box is not None else _global(asked, points, log)
     if isinstance(verdict, Certified | Refuted):
         return verdict
@@ -175,11 +188,15 @@ def _near(model: PersidskiiModel, operating_point: Any) -> ndarray | None:
     return vector('operating_point, if not "auto",', operating_point, model.n)
 
 
+def _is_auto(domain: Any) -> bool:
+    return isinstance(domain, str) and domain == "auto"
+
+
 def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
     """Return the box that a regional question names, None for a global one."""
     if isinstance(domain, str):
-        if domain not in ("global", "data"):
-            raise ModelError(f'domain is "global", "data" or a box [[lo, hi], …], not {domain!r}')
+        if domain not in ("global", "data", "auto"):
+            raise ModelError(f'domain is "global", "data", "auto" or a box [[lo, hi], …], not {domain!r}')
         if domain == "data" and model.domain is None:
             raise ModelError('domain="data" needs a model with a box of data; give the box as [[lo, hi], …]')
         return model.domain if domain == "data" else None
@@ -193,7 +210,10 @@ def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
 
 
 def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Refuted | Failure:
-    """Refute if that is cheap; else try a diagonal P, then a full P where the size allows it."""
+    """Refute if that is cheap; else try ways to certify, the cheap ones first.
+
+    Where functions can have no margin, forces of springs, facts are: nothing else can succeed.
+    """
     with log.attempt("witnesses against stability") as outcome:
         witness = find_witness(asked.model, asked.u, points)
         outcome.append("none" if witness is None else witness.kind)
@@ -205,8 +225,31 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
         return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
     if log.left() <= 0:
         return stopped(Status.TIME)
-    setting, failure = Setting.of(asked.model, points[0], arrays=asked.arrays), stopped(Status.TIME)
+    setting = Setting.of(asked.model, points[0], arrays=asked.arrays)
     setting = setting.monotone if asked.incremental else setting
+    forms, ways = partial(_by_forms, asked, setting, log), list[Way]()
+    ways.append(forms)
+    if not asked.model.is_discrete:  # the others are about derivatives
+        ways.append(partial(_by_weights, asked, log))
+        if asked.outputs is None and 1 < asked.model.n <= FACTS_STATES:
+            frame = frame_of(setting)
+            ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
+    failure = stopped(Status.TIME)
+    for way in ways:
+        if log.left() <= 0:
+            break
+        answer = way()
+        if isinstance(answer, NetworkCertificate):
+            return Certified(answer, tuple(log.attempts))
+        if isinstance(answer, Certified):
+            return answer
+        failure = answer if way is forms else failure
+    return failure
+
+
+def _by_forms(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
+    """Certify with products of forms inside each group: a diagonal P, then a full one."""
+    failure = stopped(Status.TIME)
     for kind in _kinds(asked.model):
         with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
             answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log, asked.outputs)
@@ -215,11 +258,15 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
             log.best = answer
             return _with_margin(asked, setting, _rated(asked, setting, kind == "full", answer, log), log)
         failure = answer
-    if log.left() > 0 and not asked.model.is_discrete:  # claim L1 is about derivatives
-        found = _by_weights(asked, log)
-        if isinstance(found, NetworkCertificate):
-            return Certified(found, tuple(log.attempts))
     return failure
+
+
+def _by_facts(asked: _Asked, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
+    """Certify with facts across channels, and with rows that are exactly zero."""
+    with log.attempt("facts across functions, rows that are zero") as outcome:
+        found, fastest = by_facts(setting, frame, asked.rate, log)
+        outcome.append(_word(found))
+    return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
 
 
 def _by_weights(asked: _Asked, log: Log) -> NetworkCertificate | Failure:
@@ -302,6 +349,23 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
             failure = tried
         first = first or failure
     return first or Failure(Reason.OUTSIDE, words.NOT_INSIDE)
+
+
+def _by_strips(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:
+    """Certify the largest region that is found about the first equilibrium that allows one."""
+    if missing := undefined(asked.model):
+        return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
+    if asked.model.is_discrete:
+        return Failure(Reason.OUTSIDE, words.NO_STRIPS)
+    failure = Failure(Reason.OUTSIDE, words.NO_POINT)
+    for k, point in enumerate(points):
+        with log.attempt("region of strips, their widths chosen for its volume") as outcome:
+            answer = by_strips(Setting.of(asked.model, point), log)
+            outcome.append(_word(answer))
+        if isinstance(answer, Certificate):
+            return Certified(answer, tuple(log.attempts))
+        failure = answer if k == 0 else failure
+    return failure
 
 
 def _word(answer: Certificate | NetworkCertificate | Failure) -> str:

@@ -33,6 +33,7 @@ NO_GROWTH = (
 )
 UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."
 NO_DECAY = "The linearisation at the operating point is not exponentially stable."
+NO_STRIPS = "In discrete time a region is certified in a box: domain=[[lo, hi], …]."
 NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."
 STOPPED = {  # why nothing was found where a solver stopped so
     Status.INFEASIBLE: Failure(Reason.NOT_FOUND, TRY),

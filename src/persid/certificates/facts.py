@@ -1,0 +1,220 @@
+"""The certificate of a proposal: facts of every kind, rows that are exactly zero, strips of a region."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from persid._dyadics import SLACK, _floor, exact
+from persid._dyadics import dyadic as rounded
+from persid.certificates.certificate import Certificate
+from persid.certificates.encoding import encode, heading
+from persid.certificates.ledger import SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
+from persid.certificates.partitions import cuts_of
+from persid.lyapunov.operating_points import OperatingPoint
+from persid.lyapunov.points import Known, Point
+from persid.lyapunov.proposals import Proposal
+from persid.models.model import PersidskiiModel
+from persid_check.ledger import FORMAT
+from persid_check.ledger.assembly import assemble
+from persid_check.ledger.file import read_ledger
+
+RISING = ("nondecreasing",)
+Strip = tuple[dict[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
+
+
+def prove_facts(
+    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip] = ()
+) -> Certificate:
+    """Return the certificate that the checker accepts: of a region where points have domains, else global.
+
+    Raises:
+        RejectedError: the checker does not accept it.
+        RoundingError: a lemma is not proved, or a matrix is not positive definite in floating point.
+    """
+    return Certificate.accept(encode(_content(model, proposal, point, strips)))
+
+
+def _content(
+    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip]
+) -> dict[str, Any]:
+    frame, n = proposal.frame, proposal.frame.n
+    regional = any(each.curve.domain is not None for each in frame.points) or bool(strips)
+    claim = "region" if regional else "rate-and-gain" if proposal.kappa else "iss"
+    curves, points, facts = _written(proposal)
+    absent = [c for c in range(len(frame.model.channels)) if c not in frame.places]
+    for c in absent:
+        channel = frame.model.channels[c]
+        place, _ = curves.place(_idle(channel.text, channel.row, point, frame.model.x_ref), ())
+        row = [[i, dyadic(r)] for i, r in channel.row.items()]
+        points.append({"curve": place, "row": row, "channels": [c], "densities": []})
+    zero = [n + c for c, at in frame.places.items() if at in proposal.zero]
+    draft = heading(model, claim, "The model is input-to-state stable.") | {
+        "format": FORMAT,
+        "operating_point": None if point is None else point.to_dict(),
+        "curves": curves.written(),
+        "points": points,
+        "facts": facts,
+        "P": {"lower": [[_value(proposal, ("P", j, i)) for j in range(i + 1)] for i in range(n)]},
+        "gamma": [1, 0],
+        "deviations": [],
+        "dropped": sorted([*zero, *(n + c for c in absent)]),
+        "spanning": [],
+        "kappa": dyadic(proposal.kappa),
+        "p": [0, 0],
+        "strips": [[[[i, dyadic(r)] for i, r in row.items()], dyadic(lo), dyadic(hi)] for row, lo, hi in strips],
+        "level": [0, 0],
+        "input_bound": [0, 0],
+        "outputs": [],
+        "proof": {"P": [], "M": [], "V": None},
+    }
+    return with_proof(draft | _numbers(draft, regional))
+
+
+def _numbers(draft: dict[str, Any], regional: bool) -> dict[str, Any]:
+    """Return gamma, p, and for a region the level and the bound of the inputs, that the matrices just allow."""
+    ledger = read_ledger(draft)
+    matrices, n = assemble(ledger), ledger.model.n
+    entries = n + len(ledger.model.channels)
+    M, Pt = floats(matrices.M), floats(matrices.Pt)
+    kept = [i for i in range(entries) if i not in set(ledger.dropped)]
+    side, inner = M[np.ix_(kept, range(entries, len(M)))], M[np.ix_(kept, kept)]
+    gamma = 1.0
+    if side.shape[1]:
+        scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
+        scaled = scale[:, None] * side
+        gamma = -_floor(
+            -max(
+                float(np.linalg.eigvalsh(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled))[-1]), 1e-30
+            )
+        )
+    found = {"gamma": rounded(gamma), "p": rounded(_floor(float(np.linalg.eigvalsh(Pt)[0])))}
+    if not regional:
+        return found if ledger.kappa else {"gamma": rounded(gamma)}
+    inverse, level = np.linalg.inv(Pt), np.inf
+    for row, lo, hi in _sides(ledger):
+        r = np.zeros(n)
+        r[list(row)] = [float(v) for v in row.values()]
+        level = min(level, float(min(-lo, hi)) ** 2 / float(r @ inverse @ r))
+    level *= 1 - SLACK / 64
+    bound = _floor(float(np.sqrt(float(ledger.kappa) * level / gamma)))
+    return found | {"level": rounded(level, 40), "input_bound": rounded(bound)}
+
+
+def _sides(ledger: Any) -> list[Strip]:
+    domains = ((point.row, ledger.curves[point.curve].domain) for point in ledger.points)
+    return [*((row, *domain) for row, domain in domains if domain is not None), *ledger.strips]
+
+
+def _value(proposal: Proposal, label: tuple[Any, ...]) -> list[int]:
+    return dyadic(proposal.values.get(label, Fraction(0)))
+
+
+@dataclass
+class _Used:
+    """How each point uses its forms: kinds that will do, and whether as a density."""
+
+    kinds: dict[int, tuple[str, ...]]
+    densities: set[int]
+
+
+def _written(proposal: Proposal) -> tuple[Curves, list[dict[str, Any]], dict[str, list[Any]]]:
+    """Return the curves, the points and the facts of a file."""
+    frame = proposal.frame
+    used = [_Used({}, set()) for _ in frame.points]
+    for label in proposal.values:
+        for p, k, kinds in _uses(label):
+            if used[p].kinds.get(k) != RISING:
+                used[p].kinds[k] = kinds
+            if label[0] == "mu":
+                used[p].densities.add(k)
+    curves, points = Curves(), list[dict[str, Any]]()
+    at: list[dict[int, int]] = []
+    for p, point in enumerate(frame.points):
+        forms = sorted(used[p].kinds)
+        uses = [_use(point, k, used[p].kinds[k], density=k in used[p].densities) for k in forms]
+        place, numbers = curves.place(curve_of(point), uses)
+        at.append(dict(zip(forms, numbers, strict=True)))
+        densities = [[at[p][k], _value(proposal, ("mu", p, k))] for k in sorted(used[p].densities)]
+        row = [[i, dyadic(r)] for i, r in point.row.items()]
+        points.append({"curve": place, "row": row, "channels": list(point.channels), "densities": densities})
+    facts: dict[str, list[Any]] = {"value": [], "one_signed": [], "difference": [], "constant": []}
+    for label, value in proposal.values.items():
+        match label:
+            case ("value", p, k, j):
+                facts["value"].append([p, at[p][k], at[p][j], dyadic(value)])
+            case ("one_signed", p, k, q, j):
+                facts["one_signed"].append([p, at[p][k], q, at[q][j], dyadic(value)])
+            case ("difference", p, q, sign, k, j):
+                facts["difference"].append([p, q, sign, at[p][k], at[p][j], dyadic(value)])
+    return curves, points, facts
+
+
+def _uses(label: tuple[Any, ...]) -> list[tuple[int, int, tuple[str, ...]]]:
+    """Return the points and forms that an unknown reads, with the kinds that will do."""
+    match label:
+        case ("mu", p, k):
+            return [(p, k, SECTOR)]
+        case ("value", p, k, j):
+            return [(p, k, SECTOR), (p, j, SECTOR)]
+        case ("one_signed", p, k, q, j):
+            return [(p, k, ("one-signed",)), (q, j, ("one-signed",))]
+        case ("difference", p, q, _, k, j):
+            return [(p, k, RISING), (p, j, RISING), (q, k, RISING), (q, j, RISING)]
+    return []
+
+
+def _use(point: Point, k: int, kinds: tuple[str, ...], *, density: bool) -> Use:
+    known = point.forms[k]
+    form = tuple(Fraction(v) for v in known.form)
+    return Use(form, Fraction(known.c), Fraction(known.d), kinds=kinds) if density else Use(form, kinds=kinds)
+
+
+def curve_of(point: Point) -> Curve:
+    """Return the curve of a point as a file has it."""
+    curve = point.curve
+    return Curve(tuple(zip(curve.functions, curve.factors, strict=True)), curve.shift, curve.domain)
+
+
+def proved(point: Point) -> Point:
+    """Return the point with what is proved of its forms: others leave it, constants that are not proved weaken."""
+    curve = curve_of(point)
+    return replace(point, forms=tuple(found for form in point.forms if (found := _proved(curve, form)) is not None))
+
+
+@lru_cache(maxsize=8192)
+def _proved(curve: Curve, known: Known) -> Known | None:
+    form = tuple(Fraction(v) for v in known.form)
+    kinds = (known.kind,) if known.kind == "one-signed" else SECTOR[SECTOR.index(known.kind) :]
+    kind = next((kind for kind in kinds if cuts_of(curve.lemma(form, kind), curve.domain) is not None), None)
+    if kind is None:
+        return None
+    free = 1.0 if kind == "nondecreasing" else np.nan
+    c = known.c if known.c == 0.5 and not any(form[1:]) else _upper(curve, form, known.c, free)
+    d = known.d if known.d and _lower(curve, form, Fraction(known.d)) else 0.0
+    return Known(known.form, kind, c, d)
+
+
+def _upper(curve: Curve, form: tuple[Fraction, ...], c: float, free: float) -> float:
+    """Return c if it is proved, else what needs no proof."""
+    if not np.isfinite(c) or c >= free:
+        return free
+    return c if cuts_of(curve.lemma(form, "upper", c=Fraction(c)), curve.domain) is not None else free
+
+
+def _lower(curve: Curve, form: tuple[Fraction, ...], d: Fraction) -> bool:
+    below = curve.lemma((form[0] - d, *form[1:]), "sector")
+    return cuts_of(below, curve.domain) is not None
+
+
+def _idle(text: str, row: dict[int, Fraction], point: OperatingPoint | None, x_ref: Sequence[Fraction]) -> Curve:
+    """Return the curve of a channel without effect."""
+    if point is None:
+        return Curve(((text, Fraction(1)),), None, None)
+    stored = point.to_dict()
+    centre = sum((r * (exact(stored["x"][i]) - x_ref[i]) for i, r in row.items()), Fraction(0))
+    radius = sum((abs(r) for r in row.values()), Fraction(0)) * exact(stored["radius"])
+    return Curve(((text, Fraction(1)),), (centre, radius), None)

@@ -1,0 +1,174 @@
+r"""A barrier method for small matrix inequalities with an objective and with linear equations among the unknowns.
+
+    minimise c'w   subject to   C_b + sum_k w_k F_bk > 0 (blocks b),   (N w)_k > 0 (multipliers k),   |w| < R
+
+The unknowns are y = N w: the columns of N span the solutions of the equations. Newton's method minimises
+theta c'w + phi(w), phi minus the sum of log det of the blocks, of log of the multipliers, and of log(R^2 - w'w); theta
+rises. With nu the order of all inequalities together a centred point is within nu/theta of the optimum, so the sign of
+an optimum is known early. The points that it passes are analytic centres: they keep away from every boundary, which is
+what survives rounding.
+
+Matrices are small and dense here: with Z = L L' and A_k = L^-1 F_k L^-T the gradient of -log det Z is -tr A_k, and its
+Hessian <A_k, A_l>. Reference: Boyd & Vandenberghe (2004), Convex Optimization, chapter 11.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.lyapunov.pairs import Problem
+
+RISE = 20.0  # of theta once a point is centred
+CENTRED = 0.25  # Newton decrement below which it is
+NEARLY = 0.95  # of the way to the boundary that a step may go
+STEPS = 200
+ACCURACY = 1e-7  # of the objective's own size, and so its gap
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The matrix C + sum_k w_k F_k, which is to be positive definite."""
+
+    constant: Float[ndarray, "N N"]
+    F: Float[ndarray, "W N N"]
+
+    @classmethod
+    def of(cls, pairs: Problem, N: Float[ndarray, "J W"], constant: Float[ndarray, "N N"] | None = None) -> "Block":
+        """Return the block of y = N w, where pairs of rows make the part of each y_k."""
+        left = pairs.S.toarray()[pairs.p]
+        right = pairs.H[pairs.q - pairs.S.shape[0]]
+        half = np.einsum("ki,kj->kij", left, right).reshape(len(left), -1)
+        weight = np.eye(len(left)) if pairs.tie is None else pairs.tie.toarray()
+        F = ((weight @ N).T @ half).reshape(-1, pairs.order, pairs.order)
+        return cls(np.zeros((pairs.order, pairs.order)) if constant is None else constant, F + F.transpose(0, 2, 1))
+
+    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
+        """Return the matrix."""
+        return np.asarray(self.constant + np.tensordot(w, self.F, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Centre:
+    """A point of the central path: its unknowns w, the objective, and how far below it the optimum can be."""
+
+    w: Float[ndarray, " W"]
+    objective: float
+    gap: float
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """All inequalities: blocks, `signs` w > 0, and a ball; w is of moderate size."""
+
+    blocks: Sequence[Block]
+    signs: Float[ndarray, "M W"]
+    radius: float
+
+    @property
+    def order(self) -> int:
+        """The order of all inequalities together."""
+        return sum(len(block.constant) for block in self.blocks) + len(self.signs) + 2
+
+    def value(self, w: Float[ndarray, " W"]) -> float:
+        """Return phi(w), infinity outside."""
+        y, room = self.signs @ w, self.radius**2 - w @ w
+        if room <= 0 or (y <= 0).any():
+            return np.inf
+        total = -2 * np.log(room) - np.log(y).sum()
+        for block in self.blocks:
+            try:
+                L = np.linalg.cholesky(block.at(w))
+            except np.linalg.LinAlgError:
+                return np.inf
+            total -= 2 * np.log(np.diag(L)).sum()
+        return float(total)
+
+    def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
+        """Return the gradient and the Hessian of phi."""
+        y, room = self.signs @ w, self.radius**2 - w @ w
+        shares = self.signs / y[:, None]
+        gradient = 4 / room * w - shares.sum(axis=0)
+        hessian = 4 / room * np.eye(len(w)) + 8 / room**2 * np.outer(w, w) + shares.T @ shares
+        for block in self.blocks:
+            half = _inverse(np.linalg.cholesky(block.at(w)))
+            A = half @ block.F @ half.T
+            gradient -= np.trace(A, axis1=1, axis2=2)
+            flat = A.reshape(len(w), -1)
+            hessian += flat @ flat.T
+        return gradient, hessian
+
+    def reach(self, w: Float[ndarray, " W"], d: Float[ndarray, " W"]) -> float:
+        """Return how far w + a d stays inside the blocks and the signs."""
+        falling = -(self.signs @ d) / (self.signs @ w)
+        for block in self.blocks:
+            half = _inverse(np.linalg.cholesky(block.at(w)))
+            falling = np.append(falling, -np.linalg.eigvalsh(half @ np.tensordot(d, block.F, 1) @ half.T)[0])
+        steepest = float(falling.max(initial=0.0))
+        return 1 / steepest if steepest > 0 else np.inf
+
+
+def _inverse(L: Float[ndarray, "N N"]) -> Float[ndarray, "N N"]:
+    return np.asarray(sla.solve_triangular(L, np.eye(len(L)), lower=True))
+
+
+def minimise(
+    region: Region,
+    objective: Float[ndarray, " W"],
+    start: Float[ndarray, " W"],
+    *,
+    enough: Callable[[Centre], bool] = lambda centre: False,
+    left: Callable[[], float] = lambda: np.inf,
+    theta: float | None = None,
+) -> Centre:
+    """Follow the central path from a strictly feasible start, until the gap is small or a centre is `enough`.
+
+    With no time left it returns what it has.
+    """
+    w, size = np.array(start), max(float(np.linalg.norm(objective)), 1e-300)
+    theta = 1 / size if theta is None else theta
+    for _ in range(STEPS):
+        gradient, hessian = region.derivatives(w)
+        total = gradient + theta * objective
+        d = _solved(hessian, -total)
+        decrement = float(np.sqrt(max(-total @ d, 0.0)))
+        if decrement < CENTRED:
+            centre = Centre(w, float(objective @ w), region.order / theta)
+            if enough(centre) or centre.gap < ACCURACY * (abs(centre.objective) + ACCURACY) or left() <= 0:
+                return centre
+            theta *= RISE
+            continue
+        following = _searched(region, objective * theta, w, d, float(total @ d))
+        if following is None:
+            break
+        w = following
+    return Centre(w, float(objective @ w), region.order / theta)
+
+
+def _searched(
+    region: Region, objective: Float[ndarray, " W"], w: Float[ndarray, " W"], d: Float[ndarray, " W"], slope: float
+) -> Float[ndarray, " W"] | None:
+    """Return a point along d where the merit has fallen, None where there is none."""
+    a, merit = min(1.0, NEARLY * region.reach(w, d)), float(objective @ w) + region.value(w)
+    for _ in range(30):
+        there = w + a * d
+        if float(objective @ there) + region.value(there) <= merit + 0.05 * a * slope:
+            return there
+        a *= 0.5
+    return None
+
+
+def _solved(H: Float[ndarray, "W W"], r: Float[ndarray, " W"]) -> Float[ndarray, " W"]:
+    """Solve H d = r, H > 0, scaled to a unit diagonal."""
+    scale = 1 / np.sqrt(np.diag(H))
+    scaled = scale[:, None] * H * scale
+    for ridge in (1e-14, 1e-11, 1e-8):
+        try:
+            factor = sla.cho_factor(scaled + ridge * np.eye(len(H)), lower=True)
+        except sla.LinAlgError:
+            continue
+        return np.asarray(scale * sla.cho_solve(factor, scale * r))
+    return np.asarray(scale * np.linalg.lstsq(scaled, scale * r, rcond=None)[0])

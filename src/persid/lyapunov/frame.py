@@ -1,0 +1,242 @@
+"""The one matrix of the ledger (docs/ledger.md, section 5), with exact coefficients: facts of any kind, any rows.
+
+With zeta = (x, s, v), x' = G zeta and half the gradient of V equal to E'zeta,
+
+    M = Gamma - kappa W - (E G + G'E') - sum tau (p q' + q p')           Pt = P + sum mu d r r'
+
+Every unknown is a sum of pairs of rows, in M and in Pt, just as in `inequality`; a pair (p, q) stands for p q' + q p':
+    P_ij: (e_i, -g_j - kappa/2 e_j) and its mirror image,     mu: (l'N, -r'G - kappa c r),     tau: (p, -q).
+Rows are kept as fractions: which of their products cancel is a question with an exact answer (`zero_rows`).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from itertools import combinations, combinations_with_replacement, product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy import sparse
+
+from persid.lyapunov.pairs import Problem
+from persid.lyapunov.points import Point, Row
+from persid_check.model import Model
+
+_HALF, _ONE = Fraction(1, 2), Fraction(1)
+Pair = tuple[Row, Row]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A coefficient of M and Pt; `label` says what it multiplies, and a `multiplier` is to be positive."""
+
+    label: tuple[Any, ...]
+    M: tuple[Pair, ...]
+    Pt: tuple[Pair, ...] = ()
+    multiplier: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A model about a point: x' = G zeta over x, the channels of the points, and v, with the points.
+
+    `lone` is 1 where the constant b is one more input.
+    """
+
+    model: Model
+    points: tuple[Point, ...]
+    lone: bool
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.model.n
+
+    @cached_property
+    def places(self) -> dict[int, int]:
+        """The entry of zeta of every channel that acts."""
+        acting = sorted(c for point in self.points for c in point.channels)
+        return {c: self.n + k for k, c in enumerate(acting)}
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of x and s."""
+        return self.n + len(self.places)
+
+    @property
+    def width(self) -> int:
+        """Number of entries of zeta."""
+        return self.entries + self.model.m + self.lone
+
+    @property
+    def is_regional(self) -> bool:
+        """Whether a curve is known on a strip alone."""
+        return any(point.curve.domain is not None for point in self.points)
+
+    @cached_property
+    def flow(self) -> tuple[Row, ...]:
+        """The rows of G."""
+        model, found = self.model, []
+        for i in range(self.n):
+            row = {j: v for j, v in enumerate(model.A0[i]) if v}
+            row |= {at: Fraction(v) for c, at in self.places.items() if (v := model.channels[c].column[i])}
+            inputs = (*model.B[i], model.b[i]) if self.lone else model.B[i]
+            row |= {self.entries + j: Fraction(v) for j, v in enumerate(inputs) if v}
+            found.append(row)
+        return tuple(found)
+
+    def along(self, row: Row, kappa: Fraction) -> Row:
+        """Return -r'G - kappa r."""
+        total: dict[int, Fraction] = {i: -kappa * v for i, v in row.items()} if kappa else {}
+        for i, r in row.items():
+            for j, v in self.flow[i].items():
+                total[j] = total.get(j, Fraction(0)) - r * v
+        return {j: v for j, v in total.items() if v}
+
+    def unknowns(self, kappa: Fraction, *, across: bool) -> list[Unknown]:
+        """Return P, densities and facts; those of two channels only `across`."""
+        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *(self._across() if across else ())]
+
+    def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
+        unit = [{i: _ONE} for i in range(self.n)]
+        down = [self.along(row, kappa / 2) for row in unit]
+        for i, j in combinations_with_replacement(range(self.n), 2):
+            if i == j:
+                yield Unknown(("P", i, i), ((unit[i], down[i]),), ((unit[i], {i: _HALF}),), multiplier=False)
+            else:
+                pairs = ((unit[i], down[j]), (unit[j], down[i]))
+                yield Unknown(("P", i, j), pairs, ((unit[i], unit[j]),), multiplier=False)
+
+    def _densities(self, kappa: Fraction) -> Iterator[Unknown]:
+        for p, point in enumerate(self.points):
+            for k, form in enumerate(point.forms):
+                if np.isfinite(form.c) and any(form.form[1:]):
+                    below = {i: Fraction(form.d) / 2 * r for i, r in point.row.items()} if form.d else {}
+                    pair = (point.reads(form.form, self.places), self.along(point.row, kappa * Fraction(form.c)))
+                    yield Unknown(("mu", p, k), (pair,), ((point.row, below),) if form.d else ())
+
+    def _values(self) -> Iterator[Unknown]:
+        for p, point in enumerate(self.points):
+            sectors = [k for k, form in enumerate(point.forms) if form.kind != "one-signed"]
+            for k, j in combinations(sectors, 2):
+                yield self._fact(("value", p, k, j), *(point.reads(point.forms[i].form, self.places) for i in (k, j)))
+
+    def _across(self) -> Iterator[Unknown]:
+        signed = [
+            (p, k, point.reads(form.form, self.places))
+            for p, point in enumerate(self.points)
+            for k, form in enumerate(point.forms)
+            if form.kind == "one-signed"
+        ]
+        for (p, k, a), (q, j, b) in combinations(signed, 2):
+            if p != q:
+                yield self._fact(("one_signed", p, k, q, j), a, b)
+        for p, q in combinations(range(len(self.points)), 2):
+            here, there = self.points[p], self.points[q]
+            if here.curve == there.curve and (here.curve.shift is None or here.curve.shift[1] == 0):
+                signs = (-1, 1) if here.is_odd else (-1,)
+                for sign, (k, j) in product(signs, combinations(here.rising, 2)):
+                    yield self._fact(("difference", p, q, sign, k, j), *(self._joint(p, q, sign, i) for i in (k, j)))
+
+    def _joint(self, p: int, q: int, sign: int, k: int) -> Row:
+        """Return l'(Phi_p ± Phi_q)."""
+        form = self.points[p].forms[k].form
+        total = dict(self.points[p].reads(form, self.places))
+        for i, v in self.points[q].reads(form, self.places).items():
+            total[i] = total.get(i, Fraction(0)) + sign * v
+        return {i: v for i, v in total.items() if v}
+
+    @staticmethod
+    def _fact(label: tuple[Any, ...], a: Row, b: Row) -> Unknown:
+        return Unknown(label, ((a, {i: -v for i, v in b.items()}),))
+
+
+@dataclass(frozen=True, eq=False)
+class Matrices:
+    """M on the kept entries and Pt as functions of the unknowns, in units in which all are of moderate size.
+
+    y = sizes * y^, zeta = units * zeta^, and M is divided by `rate`, so that it is of the size of Pt.
+    """
+
+    frame: Frame
+    unknowns: Sequence[Unknown]
+    units: Float[ndarray, " w"]
+    rate: float
+    kept: Int[ndarray, " k"]
+
+    @cached_property
+    def sizes(self) -> Float[ndarray, " J"]:
+        """The sizes of unknowns: P in units of the states, others so that their part of M has about norm 1."""
+        return np.array([self._size(each) for each in self.unknowns])
+
+    def _size(self, unknown: Unknown) -> float:
+        if not unknown.multiplier:
+            _, i, j = unknown.label
+            return float((1 + (i == j)) / (self.units[i] * self.units[j]))
+        return self.rate / (2 * sum(self._norm(a) * self._norm(b) for a, b in unknown.M) or 1.0)
+
+    def _norm(self, row: Row) -> float:
+        return float(np.sqrt(sum((float(v) * self.units[i]) ** 2 for i, v in row.items() if i < self.frame.entries)))
+
+    def part(self, chosen: Sequence[int]) -> "Matrices":
+        """Return the matrices of some of the unknowns."""
+        return replace(self, unknowns=[self.unknowns[k] for k in chosen])
+
+    def M(
+        self, more: Sequence[Sequence[tuple[int, float]]] = (), *, inputs: bool = False, sign: float = 1.0
+    ) -> Problem:
+        """Return M times a sign, with unknowns at the end that are diagonal: lists of entries and coefficients."""
+        kept = [*self.kept, *range(self.frame.entries, self.frame.width)] if inputs else self.kept
+        return self._pairs([each.M for each in self.unknowns], np.array(kept, int), sign / self.rate, more)
+
+    def Pt(self, more: Sequence[Sequence[tuple[int, float]]] = ()) -> Problem:
+        """Return Pt, likewise."""
+        return self._pairs([each.Pt for each in self.unknowns], np.arange(self.frame.n), 1.0, more)
+
+    def _pairs(
+        self, parts: Sequence[tuple[Pair, ...]], kept: ndarray, weight: float,
+        more: Sequence[Sequence[tuple[int, float]]],
+    ) -> Problem:  # fmt: skip
+        place = {int(i): at for at, i in enumerate(kept)}
+        pairs = [
+            (a, b, weight * size, k)
+            for k, (part, size) in enumerate(zip(parts, self.sizes, strict=True))
+            for a, b in part
+        ]
+        unit = [{i: _ONE} for i in range(self.frame.width)]
+        added = [
+            (unit[i], {i: _HALF}, v / self.units[i] ** 2, len(parts) + k)
+            for k, each in enumerate(more)
+            for i, v in each
+        ]
+        return _pairs([*pairs, *added], len(parts) + len(more), place, self.units)
+
+
+def _pairs(
+    pairs: Sequence[tuple[Row, Row, float, int]], count: int, place: dict[int, int], units: Float[ndarray, " w"]
+) -> Problem:
+    """Return pairs with weights and the unknowns that they belong to."""
+    left, p = _distinct([a for a, *_ in pairs], place, units)
+    right, q = _distinct([b for _, b, *_ in pairs], place, units)
+    data = np.array([weight for *_, weight, _ in pairs], float)
+    owner = np.array([k for *_, k in pairs], int)
+    tie = sparse.csr_array((data, (np.arange(len(pairs)), owner)), shape=(len(pairs), count))
+    eye = sparse.csr_array(sparse.eye_array(len(place)))
+    return Problem(sparse.csr_array(left), right, p, len(left) + q, np.zeros(count), eye, 0, tie)
+
+
+def _distinct(
+    rows: Sequence[Row], place: dict[int, int], units: Float[ndarray, " w"]
+) -> tuple[Float[ndarray, "r k"], Int[ndarray, " K"]]:
+    """Return the distinct rows, in units and on kept entries, and which one each row is."""
+    numbers: dict[tuple[tuple[int, Fraction], ...], int] = {}
+    where = [numbers.setdefault(tuple(sorted(row.items())), len(numbers)) for row in rows]
+    found = np.zeros((len(numbers), len(place)))
+    for r, row in enumerate(numbers):
+        for i, v in row:
+            if i in place:
+                found[r, place[i]] = float(v) * units[i]
+    return found, np.array(where, int)

@@ -1,0 +1,157 @@
+"""Points: curves put on rows of the states, and what is known of their forms: what facts across channels are made of.
+
+A group of channels is a point of the ledger (docs/ledger.md, section 2). Its row and the factors of its functions are
+dyadic, as files write them. A form is a candidate, seen on samples, until the checker's lemmas prove it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from itertools import product
+from math import gcd
+
+import numpy as np
+
+from persid.lyapunov.integrals import lower_constants, upper_constants
+from persid.lyapunov.sectors import (
+    LARGEST_VALUE,
+    Curve,
+    Place,
+    _is_near,
+    _samples,
+    _slopes,
+    axes,
+    groups,
+    nondecreasing_pool,
+    pool,
+    sizes,
+)
+from persid.models.model import PersidskiiModel
+from persid_check.ledger.lemmas import is_odd
+
+FORMS = 10  # candidates of a curve at most
+FINE = 3000
+_ZERO = Fraction(0)
+Row = dict[int, Fraction]
+Form = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Known:
+    """A candidate form: its kind, c and d of its integral; c is NaN where it is no density."""
+
+    form: Form
+    kind: str
+    c: float = np.nan
+    d: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A curve at y = row'x with its channels, those with a column that is not zero, and the forms it may use."""
+
+    row: Row
+    curve: Curve
+    channels: tuple[int, ...]
+    forms: tuple[Known, ...]
+
+    def reads(self, form: Form, places: dict[int, int]) -> Row:
+        """Return the row of l'Phi over the states and the channels, which have these places."""
+        y, *values = (Fraction(v) for v in form)
+        found = {i: y * r for i, r in self.row.items()} if y else {}
+        return found | {places[c]: v for c, v in zip(self.channels, values, strict=True) if v}
+
+    @cached_property
+    def rising(self) -> list[int]:
+        """The nondecreasing forms that are no sums of others: their products imply those of all others."""
+        return _extreme(form.form if form.kind == "nondecreasing" else None for form in self.forms)
+
+    @cached_property
+    def is_odd(self) -> bool:
+        """Whether Phi(-y) = -Phi(y), by the form of the functions."""
+        shift, domain = self.curve.shift, self.curve.domain
+        symmetric = domain is None or domain[0] == -domain[1]
+        return is_odd(self.curve.exact) and symmetric and (shift is None or not any(shift))
+
+    def on(self, reach: tuple[float, float]) -> "Point":
+        """Return the point on a strip lo < y < hi instead, with the forms that hold there."""
+        curve = replace(self.curve, domain=(Fraction(reach[0]), Fraction(reach[1])))
+        return replace(self, curve=curve, forms=known(curve))
+
+
+def points_of(model: PersidskiiModel, place: Place | None) -> tuple[Point, ...]:
+    """Return the points of a model about a place (None: x_ref, functions not shifted), those that act."""
+    found = []
+    for group in groups(model.channels, place):
+        if group.channels:
+            row = {int(i): Fraction(float(group.row[i])) for i in np.flatnonzero(group.row)}
+            k = _common(row, group.curve.factors)
+            curve = _stretched(group.curve, k)
+            found.append(Point({i: v / k for i, v in row.items()}, curve, group.channels, known(curve)))
+    return tuple(found)
+
+
+def _common(row: Row, factors: Iterable[Fraction]) -> Fraction:
+    """Return k for which r/k and the factors times k are dyadic: 1 where they are."""
+    if all(factor.denominator & (factor.denominator - 1) == 0 for factor in factors) or not row:
+        return Fraction(1)
+    return Fraction(gcd(*(value.numerator for value in row.values())))
+
+
+def _stretched(curve: Curve, k: Fraction) -> Curve:
+    """Return the curve over y/k."""
+    if k == 1:
+        return curve
+    domain, shift = (None if pair is None else (pair[0] / k, pair[1] / k) for pair in (curve.domain, curve.shift))
+    return replace(curve, factors=tuple(k * factor for factor in curve.factors), domain=domain, shift=shift)
+
+
+@lru_cache(maxsize=4096)
+def known(curve: Curve) -> tuple[Known, ...]:
+    """Return the candidate forms of a curve: its functions, exact facets of the slopes, facets of the values."""
+    if curve.fixed:
+        return ()
+    listed: list[Form] = []
+    for form in (*axes(curve), *nondecreasing_pool(curve)[-FORMS // 2 :], *pool(curve)):
+        if len(listed) < FORMS and not _is_near(form, tuple(listed), sizes(curve)):
+            listed.append(form)
+    forms = np.array(listed, float).reshape(-1, curve.size)
+    rising = (_samples(curve, FINE, slopes=True) @ forms.T >= 0).all(axis=0)
+    c = upper_constants(curve, forms)
+    c = np.where(rising, np.fmin(c, 1.0), c)
+    d = lower_constants(curve, forms) if curve.domain is not None else np.zeros(len(forms))
+    kinds = np.where(rising, "nondecreasing", "sector")
+    found = [Known(*each) for each in zip(listed, kinds.tolist(), c.tolist(), d.tolist(), strict=True)]
+    return (*found, *(Known(form, "one-signed") for form in one_signed(curve)))
+
+
+def one_signed(curve: Curve) -> list[Form]:
+    """Return forms ±(f_j - s y) that look one-signed, s the least or the largest slope of f_j, or that at 0."""
+    low, high = (1e4, 1e4) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
+    y = np.concatenate([-np.geomspace(1e-6 * low, low, FINE), np.geomspace(1e-6 * high, high, FINE)])
+    with np.errstate(all="ignore"):
+        phi, at_0 = curve.values(y), curve.slopes(np.zeros(1))[0]
+    phi = phi[(np.abs(phi) < LARGEST_VALUE).all(axis=1)]
+    found: list[Form] = []
+    for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
+        tried = {*(s * float(factor) for s in _slopes(text)), float(at_0[j])}
+        for slope, sign in product(sorted(s for s in tried if np.isfinite(s)), (1.0, -1.0)):
+            form = np.zeros(curve.size)
+            form[0], form[j] = 0.0 - sign * slope, sign
+            value = phi @ form
+            if value.min(initial=0.0) >= 0 and value.max(initial=0.0) > 0:
+                found.append(tuple(form.tolist()))
+    return list(dict.fromkeys(found))
+
+
+def _extreme(forms: Iterable[Form | None]) -> list[int]:
+    """Return the places of forms that are no nonnegative combinations of the others."""
+    from scipy.optimize import nnls
+
+    kept = {k: np.array(form) / np.linalg.norm(form) for k, form in enumerate(forms) if form is not None}
+    for k in list(kept):
+        others = [form for j, form in kept.items() if j != k]
+        if others and nnls(np.array(others).T, kept[k])[1] < 1e-9:
+            del kept[k]
+    return list(kept)

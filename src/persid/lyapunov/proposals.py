@@ -1,0 +1,276 @@
+"""Proposals for a ledger: unknowns with M > 0 on the rows that are not zero, the best rate, then the smallest gain.
+
+Two problems are solved by the barrier method, in unknowns w with y = N w (`zero_rows`):
+    margin: maximise t with M - tI > 0, Pt - tI > 0, |w| < 1;
+    gain:   minimise gamma with Pt > I and M > 0, the inputs and gamma I in M.
+What is found is rounded so that zero rows stay exactly zero.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid._dyadics import rounded
+from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.dual_start import dual_factor
+from persid.lyapunov.frame import Frame, Matrices, Unknown
+from persid.lyapunov.interior_point import Status, solve
+from persid.lyapunov.pairs import combine, pairings
+from persid.lyapunov.sectors import Group
+from persid.lyapunov.system import Scaling, System, scaling
+from persid.lyapunov.zero_rows import Solvable, reduced
+
+STEPS = 8  # bisections of a rate
+ACROSS = ("difference", "one_signed")
+ROUNDS = 60
+FALL = 0.1  # share to which the complementarity falls in a round
+JOINING = 8  # facts, for each state, that may join in one
+START = 0.3  # of the ball of radius 1 in which a margin is sought
+ROOM = 1e4  # times the size of the first point: the ball in which a gain is made small
+DENSE = 1000  # unknowns up to which a gain is made small
+NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)
+LOSS = 1.03  # by which gamma may grow for a proof with fewer facts
+Left = Callable[[], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Numbers of a ledger: P, mu and tau by their labels, exact, with the rows of M that they make zero."""
+
+    frame: Frame
+    kappa: Fraction
+    values: dict[tuple[Any, ...], Fraction]
+    zero: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A frame with a rate, its unknowns, and a point w where the margin is positive."""
+
+    frame: Frame
+    kappa: Fraction
+    solvable: Solvable
+    matrices: Matrices
+    w: Float[ndarray, " W"]
+
+    @cached_property
+    def N(self) -> Float[ndarray, "J W"]:
+        """All unknowns as combinations of the free ones, both in their sizes."""
+        sizes = self.matrices.sizes
+        return np.asarray(self.solvable.N * sizes[list(self.solvable.free)] / sizes[:, None])
+
+    @property
+    def speed(self) -> float:
+        """A rate of the size of the model's, in 1/s."""
+        return self.matrices.rate
+
+    @property
+    def signs(self) -> Float[ndarray, "M W"]:
+        """The rows of N of the unknowns that are positive."""
+        return self.N[[k for k, each in enumerate(self.solvable.unknowns) if each.multiplier]]
+
+    def Pt(self, w: Float[ndarray, " W"]) -> Float[ndarray, "n n"]:
+        """Return the matrix of the quadratic lower bound of V, in units."""
+        return np.asarray(combine(self.matrices.Pt(), self.N @ w))
+
+    def in_use(self) -> "Candidate":
+        """Return the candidate without multipliers that are zero, where no equations tie them to others."""
+        if self.solvable.pivots:
+            return self
+        kept = [k for k, each in enumerate(self.solvable.unknowns) if self.w[k] > 0 or not each.multiplier]
+        solvable = replace(
+            self.solvable, unknowns=tuple(self.solvable.unknowns[k] for k in kept), free=tuple(range(len(kept)))
+        )
+        return replace(self, solvable=solvable, matrices=self.matrices.part(kept), w=self.w[kept])
+
+    def proposal(self) -> Proposal:
+        """Round, without the unknowns that are negligible where that does little harm."""
+        w, gamma = self.w, self.gamma(self.w)
+        for share in NEGLIGIBLE:
+            leaner = self._without(share)
+            if leaner is not None and self.gamma(leaner) <= LOSS * gamma:
+                w = leaner
+                break
+        free = rounded(w * self.matrices.sizes[list(self.solvable.free)])
+        y = self.solvable.exact([Fraction(float(v)) for v in free])
+        values = {each.label: v for each, v in zip(self.solvable.unknowns, y, strict=True) if v}
+        return Proposal(self.frame, self.kappa, values, self.solvable.zero)
+
+    def _without(self, share: float) -> ndarray | None:
+        small = np.abs(self.w) < share * np.abs(self.w).max()
+        small &= np.array([self.solvable.unknowns[k].multiplier for k in self.solvable.free])
+        w = np.where(small, 0.0, self.w)
+        return w if (self.signs @ w).min(initial=0.0) >= 0 else None
+
+    def gamma(self, w: Float[ndarray, " W"]) -> float:
+        """Return the least gamma / p of a point, in the user's units; infinity where an inequality fails."""
+        frame, k = self.frame, len(self.matrices.kept)
+        Pt = self.Pt(w) / self.matrices.units[: frame.n] / self.matrices.units[: frame.n, None]
+        M, least = combine(self.matrices.M(inputs=True), self.N @ w), float(np.linalg.eigvalsh(Pt)[0])
+        if least <= 0 or np.linalg.eigvalsh(M[:k, :k])[0] <= 1e-13 * np.abs(M[:k, :k]).max():
+            return np.inf
+        side = M[:k, k:] / self.matrices.units[frame.entries :]
+        worst = np.linalg.eigvalsh(side.T @ np.linalg.solve(M[:k, :k], side))[-1] if side.shape[1] else 0.0
+        return float(max(worst, 0.0)) * self.matrices.rate / least
+
+
+def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, Matrices] | None:
+    """Return the unknowns of a frame at a rate and the matrices in good units; None where no V is left."""
+    solvable = reduced(frame.unknowns(kappa, across=across), frame.entries, frame.n)
+    if solvable is None:
+        return None
+    units = scaling(system_of(frame))
+    kept = np.array([i for i in range(frame.entries) if i not in solvable.zero], int)
+    inputs = units.inputs[: frame.width - frame.entries]
+    matrices = Matrices(frame, solvable.unknowns, np.concatenate([units.entries, inputs]), units.rate, kept)
+    return solvable, matrices
+
+
+def system_of(frame: Frame) -> System:
+    """Return the frame in floating point."""
+    G, channels = np.zeros((frame.n, frame.width)), tuple(frame.places)
+    for i, row in enumerate(frame.flow):
+        for j, v in row.items():
+            G[i, j] = float(v)
+    found = []
+    for point in frame.points:
+        line = np.zeros(frame.n)
+        line[list(point.row)] = [float(v) for v in point.row.values()]
+        found.append(Group(line, point.channels, point.channels, point.curve))
+    return System(G[:, : frame.entries], G[:, frame.entries :], tuple(found), tuple(range(frame.n)), channels)
+
+
+def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Candidate | None:
+    """Return a candidate whose margin is positive, None where none is found."""
+    built = matrices_of(frame, kappa, across)
+    if built is None:
+        return None
+    solvable, matrices = built
+    candidate = Candidate(frame, kappa, solvable, matrices, np.zeros(len(solvable.free)))
+    w = _priced(matrices, left) if not solvable.zero and not frame.is_regional else _centred(candidate, left)
+    candidate = replace(candidate, w=w)
+    return candidate if np.isfinite(candidate.gamma(w)) else None
+
+
+def _priced(matrices: Matrices, left: Left) -> Float[ndarray, " J"]:
+    """Return unknowns of the interior-point method: facts that its dual matrix prices below zero join in rounds."""
+    frame, all_of = matrices.frame, matrices.M()
+    facts = np.array([k for k, each in enumerate(matrices.unknowns) if each.label[0] in ACROSS], int)
+    chosen = [k for k in range(len(matrices.unknowns)) if k not in set(facts)]
+    cost = np.array([_cost(each) for each in matrices.unknowns])
+    units = Scaling(matrices.units[: frame.n], matrices.units[: frame.entries], np.ones(0), matrices.rate)
+    together = np.arange(frame.entries), np.zeros((0, frame.entries))  # facts read any two functions
+    C = dual_factor(system_of(frame), units, [together] * len(frame.points), frame.entries)
+    start, w = None, np.zeros(len(cost))
+    for _ in range(ROUNDS):
+        problem = replace(matrices.part(chosen).M(sign=-1.0), cost=cost[chosen], C=C, symmetric=frame.n)
+        found = solve(problem, start=start, fall=FALL, time_limit=left())
+        w[:] = 0.0
+        w[chosen] = found.y
+        if found.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if found.status in (Status.FEASIBLE, Status.TIME):
+            break
+        prices = -pairings(all_of, found.X)[facts]
+        joining = [int(k) for k in facts[np.argsort(prices)] if k not in set(chosen)]
+        worth = dict(zip(facts.tolist(), prices.tolist(), strict=True))
+        joining = [k for k in joining if worth[k] < 0][: JOINING * frame.n]
+        if not joining and found.status is not Status.ROUGH:
+            break
+        start = found, np.array([*range(len(chosen)), *[-1] * len(joining)], int)
+        chosen += joining
+    return w
+
+
+def _cost(unknown: Unknown) -> float:
+    """Return what an unknown adds to sum mu + tr P."""
+    return {"mu": 1.0, "P": 2.0 * (unknown.label[1:] == unknown.label[2:] * 2)}.get(unknown.label[0], 0.0)
+
+
+def _centred(candidate: Candidate, left: Left) -> Float[ndarray, " W"]:
+    """Return the point where the barrier method has decided the sign of the margin."""
+    frame, matrices, w = candidate.frame, candidate.matrices, _first(candidate)
+    here = candidate.N @ w
+    low = min(float(np.linalg.eigvalsh(combine(pairs, here))[0]) for pairs in (matrices.M(), matrices.Pt()))
+    t = low - 0.1 * (1 + abs(low))
+    size = 4 * abs(t)
+    N = sla.block_diag(candidate.N, np.eye(1))
+    blocks = (
+        Block.of(matrices.M([[(int(i), -size) for i in matrices.kept]]), N),
+        Block.of(matrices.Pt([[(i, -size) for i in range(frame.n)]]), N),
+    )
+    objective = np.append(np.zeros(len(w)), -1.0)
+
+    def decided(centre: Centre) -> bool:
+        return -centre.objective > 0.5 * centre.gap or -centre.objective + centre.gap < 0
+
+    region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), 1.0)
+    found = minimise(region, objective, np.append(w, t / size), enough=decided, left=left)
+    return found.w[:-1]
+
+
+def _first(candidate: Candidate) -> ndarray:
+    """Return a point of the ball where all multipliers are positive."""
+    sizes, solvable = candidate.matrices.sizes, candidate.solvable
+    if solvable.pivots:
+        w = solvable.inside[list(solvable.free)] / sizes[list(solvable.free)]
+    else:
+        w = np.array([1.0 if each.multiplier or each.label[1] == each.label[2] else 0.0 for each in solvable.unknowns])
+    return np.asarray(START * w / np.linalg.norm(w))
+
+
+def best_rate(frame: Frame, fastest: float, left: Left) -> Candidate | None:
+    """Return a candidate whose kappa is within some percent of the largest; `fastest` bounds kappa from above."""
+    best, low, high, trial = None, 0.0, fastest, 0.5 * fastest
+    for _ in range(STEPS):
+        if left() <= 0:
+            break
+        found = feasible(frame, Fraction(_short(trial)), left, across=True)
+        if found is None:
+            high = trial
+        else:
+            best, low = found, trial
+        trial = 0.5 * (low + high) if low else 0.1 * high
+        if low and high < 1.1 * low:
+            break
+    return best
+
+
+def _short(number: float) -> float:
+    """Round a rate to a few bits: it is a coefficient of the equations."""
+    return float(rounded(np.array([number]), 8)[0])
+
+
+def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
+    """Return the candidate of this rate whose gain is the smallest."""
+    candidate = candidate.in_use()
+    if len(candidate.w) > DENSE:
+        return candidate
+    frame, matrices = candidate.frame, candidate.matrices
+    inputs = range(frame.entries, frame.width)
+    if not len(inputs):
+        return candidate
+    gamma = candidate.gamma(candidate.w)
+    scale = matrices.units[: frame.n] ** 2
+    lowest = np.linalg.eigvalsh(candidate.Pt(candidate.w) / np.sqrt(np.outer(scale, scale)))[0]
+    start, size = candidate.w * 1.2 / float(lowest), 1.5 * max(gamma, 1e-12)
+    N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
+    M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * size) for i in inputs]], inputs=True)
+    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -np.diag(scale)))
+    region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
+
+    def close(centre: Centre) -> bool:
+        return centre.gap < 0.02 * centre.objective
+
+    if not np.isfinite(region.value(w)):
+        return candidate
+    objective = np.append(np.zeros(len(start)), 1.0)
+    found = minimise(region, objective, w, enough=close, left=left)
+    return replace(candidate, w=found.w[:-1])

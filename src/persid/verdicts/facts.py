@@ -1,0 +1,111 @@
+"""Searches with facts across channels, and with rows that are exactly zero, that end in a proof."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from persid.certificates.certificate import Certificate
+from persid.certificates.facts import prove_facts, proved
+from persid.errors import RejectedError, RoundingError
+from persid.lyapunov.frame import Frame
+from persid.lyapunov.interior_point import Status
+from persid.lyapunov.points import points_of
+from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_gain
+from persid.lyapunov.shifted_model import Setting, place
+from persid.lyapunov.strips import Search, enlarged, of_linearisation
+from persid.lyapunov.system import scaling
+from persid.lyapunov.zero_rows import reduced
+from persid.verdicts import failures as words
+from persid.verdicts.failures import Failure, stopped
+from persid.verdicts.log import Log
+from persid.verdicts.searches import ABOVE
+from persid.verdicts.verdict import Reason
+from persid_check.model import model_of
+
+RATE_SHARE = 0.5  # of the best rate, where no larger one is asked for: there the gain is small
+SLOWEST = 1 / 2048  # share of the linearisation's rate at which a region is sought
+FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
+KEPT = 0.98  # share of the volume that a faster rate has to leave
+SEARCHING = 0.7  # share of the time for the widths of strips
+
+
+def frame_of(setting: Setting) -> Frame:
+    """Return the frame of a setting on all of R^n, with candidate forms."""
+    model, point = setting.model, setting.point
+    points = points_of(model, place(model, point, None))
+    return Frame(model_of(model.canonical), points, point is None and bool(model.b.any()))
+
+
+def has_zero_rows(frame: Frame) -> bool:
+    """Whether functions stand in V' so that no certificate has a margin in them, as forces of springs do."""
+    found = reduced(frame.unknowns(Fraction(0), across=False), frame.entries, frame.n)
+    return found is not None and bool(found.zero)
+
+
+def by_facts(
+    setting: Setting, frame: Frame, rate: float | int | None, log: Log
+) -> tuple[Certificate | Failure, Certificate | None]:
+    """Certify with facts across channels and rows that are exactly zero: with rate and gain, or stability alone.
+
+    Returns:
+        The certificate, whose gain is small at the rate asked for or at half of the best one, or why there is none; and
+        the certificate of the best rate, where that is another.
+    """
+    frame = replace(frame, points=tuple(map(proved, frame.points)))
+    stable = feasible(frame, Fraction(0), log.left, across=True)
+    J = setting.jacobian
+    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
+    best = None if stable is None else best_rate(frame, limit if limit > 0 else stable.speed, log.left)
+    if best is None:
+        if stable is None:
+            return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE), None
+        return _proved(setting, stable, log), None
+    aim = min(max(best.kappa * Fraction(RATE_SHARE), Fraction(2 * ABOVE * (rate or 0.0))), best.kappa)
+    gentle = smallest_gain(
+        (feasible(frame, aim, log.left, across=True) if aim < best.kappa else None) or best, log.left
+    )
+    found, fastest = _proved(setting, gentle, log), _proved(setting, best, log) if gentle.kappa < best.kappa else None
+    return found, fastest if isinstance(fastest, Certificate) else None
+
+
+def _proved(setting: Setting, found: Candidate, log: Log) -> Certificate | Failure:
+    try:
+        log.progress("checking in exact arithmetic")
+        return prove_facts(setting.model, found.proposal(), setting.point)
+    except (RejectedError, RoundingError) as error:
+        return Failure(Reason.ROUNDING, str(error))
+
+
+def by_strips(setting: Setting, log: Log) -> Certificate | Failure:
+    """Certify the largest region that strips of the functions' own arguments allow, about a stable equilibrium.
+
+    Widths are sought at a rate that costs no volume; then the largest rate is taken that leaves most of the volume.
+    """
+    J = setting.jacobian
+    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
+    if limit <= 0:
+        return Failure(Reason.OUTSIDE, words.NO_DECAY)
+    frame, units = frame_of(setting), scaling(setting.system).states
+    kappa = _power_of_two(limit * SLOWEST)
+    reserve = (1 - SEARCHING) * log.left()
+    search = Search(frame, kappa, of_linearisation(J, units), lambda: log.left() - reserve)
+    best = search.run()
+    if best is None:
+        return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
+    widths = np.array(search.widths)
+    points = tuple(proved(point) for point in best.candidate.frame.points)
+    frame, within = replace(frame, points=points), search.rows / widths[:, None]
+    failure = stopped(Status.INFEASIBLE)
+    for share in (*FASTER, SLOWEST):
+        found = enlarged(frame, _power_of_two(limit * share), within, log.left)
+        if found is not None and (found.volume >= KEPT * best.volume or share == SLOWEST):
+            answer = _proved(setting, found.candidate, log)
+            if isinstance(answer, Certificate):
+                return answer
+            failure = answer
+    return failure
+
+
+def _power_of_two(number: float) -> Fraction:
+    return Fraction(float(np.exp2(np.round(np.log2(number)))))

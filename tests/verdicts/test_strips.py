@@ -1,0 +1,37 @@
+"""Regions whose bounds the search chooses."""
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.certificates import bounds
+
+pytestmark = pytest.mark.long
+
+
+def test_the_basin_of_a_cube_is_found_without_being_told() -> None:
+    """x' = -x + x^3 rests at -1 and 1: almost all between is certified, nothing beyond."""
+    verdict = ps.certify(ps.PersidskiiModel([[-1.0]], [("x**3", None, [[1.0]])], [[1.0]]), domain="auto")
+    assert isinstance(verdict, ps.Certified)
+    certificate = verdict.certificate
+    assert certificate.claim == "region"
+    assert bounds.is_in_region(certificate.stated, np.array([0.985]))
+    assert not bounds.is_in_region(certificate.stated, np.array([1.0]))
+
+
+def test_a_strip_reads_what_its_function_reads() -> None:
+    """A saturated feedback around an unstable plant is bounded by a strip of the feedback, not by a box of states."""
+    K = np.array([[1.2231, -2.2486]])
+    A0, B = np.array([[0.6, -0.8], [0.8, 0.6]]), np.array([[2.0], [4.0]])
+    certificate = ps.certify(ps.PersidskiiModel(A0, [("sat(x)", K, B)], B), domain="auto").certificate
+    ((row, low, high),) = certificate.stated.strips
+    assert [float(row[i]) for i in (0, 1)] == K[0].tolist()
+    assert low == -high
+    assert high > 1  # beyond the corner of the saturation
+
+
+def test_a_region_is_about_a_stable_point() -> None:
+    """A double well has none about 0, where it is unstable; one about a well is certified."""
+    verdict = ps.certify(ps.PersidskiiModel([[1.0]], [("x**3", None, [[-1.0]])], [[1.0]]), domain="auto")
+    assert isinstance(verdict, ps.Certified)
+    assert abs(verdict.certificate.operating_point[0]) == pytest.approx(1.0)
