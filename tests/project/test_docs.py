@@ -154,3 +154,18 @@ def test_functions_have_a_place_in_every_file_of_the_list() -> None:
     listed = set(re.findall(r"^\| `(src/\S+)`", text, re.M))
     files = {path for path in (ROOT / "src").rglob("*.py") if '"softplus"' in path.read_text(encoding="utf-8")}
     assert {path.relative_to(ROOT).as_posix() for path in files} == listed
+
+
+NUMBERED = re.compile(r"^(\d+)\. ", re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").rglob("*.md")), ids=lambda page: page.name)
+def test_numbered_lists_keep_their_numbers(page: Path) -> None:
+    """What other sentences refer to as step 3 is number 3 on the site, also where a list begins with 0."""
+    markdown = pytest.importorskip("markdown", reason="Python-Markdown, which makes the site, is not installed")
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    known = [int(number) for number in NUMBERED.findall(text)]
+    used = [name for name in ("tables", "sane_lists") if f"\n  - {name}" in (ROOT / "mkdocs.yml").read_text("utf-8")]
+    lists = re.findall(r'<ol(?: start="(\d+)")?>(.*?)</ol>', markdown.markdown(text, extensions=used), re.DOTALL)
+    shown = [int(start or 1) + k for start, items in lists for k in range(items.count("<li>"))]
+    assert shown == known

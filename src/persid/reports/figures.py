@@ -147,14 +147,18 @@ def free_run(model: PersidskiiModel, run: FreeRun, beside: FreeRun | None = None
     gone = run.found.diverged_at
     end = f"It blows up at t = {gone:.4g} s (marked)." if gone is not None else "It does not blow up."
     rows = f" (the first {SAMPLES} samples)" if len(run.measured) == SAMPLES else ""
-    caption = (
-        f"Run {run.number}{rows}: measured (blue, solid) and the model’s free run (orange, dashed), which knows only "
-        f"the first sample and the inputs. {end} RMSE {number(run.rmse)}, R² {number(run.r2)} (mean over states)."
-    ) + _other(beside)
+    scores = f"RMSE {number(run.rmse)}, R² {number(run.r2)} (mean over states)."
+    knows = f"{curves_of('the model')} only the first sample and the inputs."
+    caption = f"Run {run.number}{rows}: {knows} {end} {scores}{_other(beside)}"
     far = np.abs(run.measured.x[: len(run.found)] - run.found.x)
     apart = "; ".join(f"{name}: at most {number(far[:, i].max(), 2)} apart" for i, name in enumerate(shown))
     alt = f"Curves over time of {', '.join(shown)}, measured and simulated, run {run.number}. {apart}. {end}"
     return Drawing(f"free-run-{run.number}", figure, alt, caption)
+
+
+def curves_of(model: str) -> str:
+    """Return in half a sentence what the two curves of a free run are."""
+    return f"measured (blue, solid), and the free run of {model} (orange, dashed), which knows"
 
 
 def _other(beside: FreeRun | None) -> str:

@@ -15,7 +15,7 @@ from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 from persid.plots.proofs import Proof
 from persid.reports.comparison import cautions
-from persid.reports.figures import SAMPLES, Drawing, legend
+from persid.reports.figures import SAMPLES, Drawing, curves_of, legend
 from persid.reports.results import Results
 from persid.verdicts.summary import in_the_long_run
 from persid.verdicts.verdict import Certified, Refuted, Verdict
@@ -139,9 +139,7 @@ def _caption(results: Results, shown: Trajectories, place: int, runs: Sequence[T
     known = "only the first sample and the inputs" if len(runs) == 1 else "only where it starts and the inputs"
     again = "" if len(runs) == 1 or scores is None else f" and starts again every {scores.headline.steps} samples"
     steps = f"{again}, since the whole run blows up" if again else ""
-    lines = "measured (blue, solid), and the delivered model’s free run (orange, dashed)"
-    parts = [f"{what}{which}: {lines}, which knows "]
-    parts += [f"{known}{steps}."]
+    parts = [f"{what}{which}: {curves_of('the delivered model')} {known}{steps}."]
     parts += [" Below, how far both are from x*, and the bound that is proved for the model (green)."] if proved else []
     parts += [f" Drawn are {STATES} of {results.dynamics.n} states."] if results.dynamics.n > STATES else []
     if held and not (record and record.test):
