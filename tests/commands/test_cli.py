@@ -261,7 +261,7 @@ def test_output_that_cannot_be_printed() -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=_environment())
     assert done.returncode == 2
-    assert "No space left" in done.stderr
+    assert "standard output: No space left" in done.stderr
     assert "Traceback" not in done.stderr
     reader, writer = os.pipe()
     os.close(reader)

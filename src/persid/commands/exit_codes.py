@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from errno import ENOSPC
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +47,8 @@ def explain(error: BaseException) -> tuple[int, str]:
     if isinstance(error, PersidError):
         return WRONG, str(error)
     if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
+        place = error.filename or ("standard output" if error.errno == ENOSPC else "")  # files name themselves
+        where = f"{place}: " if place else ""
         return WRONG, f"{where}{error.strerror or error}; free the place or give another path"
     hint = "this is a fault of persid; run again with --debug and report what it prints"
     return INTERNAL, f"{type(error).__name__}: {error}; {hint}"
