@@ -309,7 +309,7 @@ proving = together(
                  help="State near the equilibrium that is meant; by default the one nearest to x_ref."),
     click.option("--u-op", type=Numbers(), help="Nominal constant input; by default u_ref."),
     click.option("--domain", type=click.Choice(["global", "auto", "data"]), default="global", show_default=True,
-                 help="Ask for all states first, or for a region in the box of the data only."),
+                 help="Ask for all states first, for the largest region found, or for one in the box of the data."),
     click.option("--time-limit", type=click.FloatRange(min=0), default=60.0, show_default=True,
                  help="Seconds for each verdict."),
     click.option("--rate", type=click.FloatRange(min=0, min_open=True), callback=_per_second,
