@@ -14,6 +14,7 @@ from persid.certificates.encoding import encode
 from persid.certificates.ledger import as_ledger, with_proof
 from persid.errors import PersidError, RoundingError
 from persid_check.version_1.format import WORDS
+from problems import BY_NAME
 
 FILES = sorted(path for path in VALID.glob("*.json") if json.loads(path.read_bytes())["claim"] in WORDS)
 
@@ -100,3 +101,12 @@ def test_what_has_no_partition_is_written_as_version_1(monkeypatch: pytest.Monke
         "rate-and-gain",
     )
     assert verdict.margin is None  # version 1 has no place for deviations
+
+
+def test_a_region_with_a_sharp_bound_of_an_integral_is_a_ledger() -> None:
+    """Where a bound holds by 2 %, its partition is fine enough: x' = -x^3 + 3 x^2 - 2.5 x + u about 0, |x| < 1.5."""
+    model = BY_NAME["three equilibria elsewhere"].build()
+    verdict = ps.certify(model, domain=[[-1.5, 1.5]])
+    assert isinstance(verdict, ps.Certified)
+    assert isinstance(verdict.certificate, Certificate)
+    assert verdict.certificate.content["format"] == "persid-certificate-2"

@@ -61,7 +61,7 @@ def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fractio
     Near the centre the quantity is about linear in the distance, so only pieces that are short beside it keep its sign.
     """
     low, high = lemma.centre or (_ZERO, _ZERO)
-    for count in (32, 128, 512):
+    for count in (32, 128, 512, 2048):
         left = [low - d for d in _distances(low - ends[0], count)]
         right = [high + d for d in _distances(ends[1] - high, count)]
         cuts = (*left[::-1], *((low,) if low == high else ()), *right)
