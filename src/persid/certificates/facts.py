@@ -12,7 +12,7 @@ from persid._dyadics import SLACK, _floor, exact
 from persid._dyadics import dyadic as rounded
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, heading
-from persid.certificates.ledger import SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
+from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
 from persid.certificates.partitions import cuts_of
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point
@@ -206,8 +206,8 @@ def _upper(curve: Curve, form: tuple[Fraction, ...], c: float, free: float) -> f
 
 
 def _lower(curve: Curve, form: tuple[Fraction, ...], d: Fraction) -> bool:
-    below = curve.lemma((form[0] - d, *form[1:]), "sector")
-    return cuts_of(below, curve.domain) is not None
+    below = (form[0] - d, *form[1:])
+    return any(cuts_of(curve.lemma(below, kind), curve.domain) is not None for kind in INTEGRABLE)
 
 
 def _idle(text: str, row: dict[int, Fraction], point: OperatingPoint | None, x_ref: Sequence[Fraction]) -> Curve:

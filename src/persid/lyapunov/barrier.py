@@ -130,7 +130,7 @@ def minimise(
     """
     w, size = np.array(start), max(float(np.linalg.norm(objective)), 1e-300)
     theta = 1 / size if theta is None else theta
-    for _ in range(STEPS):
+    for _ in range(STEPS if np.isfinite(region.value(w)) else 0):
         gradient, hessian = region.derivatives(w)
         total = gradient + theta * objective
         d = _solved(hessian, -total)

@@ -112,6 +112,8 @@ class Candidate:
     def gamma(self, w: Float[ndarray, " W"]) -> float:
         """Return the least gamma / p of a point, in the user's units; infinity where an inequality fails."""
         frame, k = self.frame, len(self.matrices.kept)
+        if not (w.any() and np.isfinite(self.N @ w).all()):
+            return np.inf
         Pt = self.Pt(w) / self.matrices.units[: frame.n] / self.matrices.units[: frame.n, None]
         M, least = combine(self.matrices.M(inputs=True), self.N @ w), float(np.linalg.eigvalsh(Pt)[0])
         if least <= 0 or np.linalg.eigvalsh(M[:k, :k])[0] <= 1e-13 * np.abs(M[:k, :k]).max():
