@@ -130,8 +130,20 @@ def test_a_rate_and_a_gain_are_certified_together():
     fit = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=0, **options).fit(data)
     assert fit.certificate_.rate >= 0.6
     assert fit.certificate_.output_gains[0] <= options["max_output_gain"]
-    assert [remark.split(":")[0] for remark in fit.report_.remarks] == ["outputs are scaled to the gains asked for"]
+    assert [remark.split(":")[0] for remark in fit.report_.remarks] == ["the gains asked for are kept"]
     assert plain.report_.error < fit.report_.error < 1
+
+
+def test_a_gain_that_is_asked_for_is_kept_inside_the_fit():
+    """A fit below half of its free gain is nearer to the data than the free fit with its output scaled."""
+    data = runs(ps.PersidskiiModel([[-0.5]], [], [[1.0]]), [[1.0]], 0.1, 200, 1)
+    plain = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=0).fit(data)
+    gain = float(plain.certificate_.output_gains[0])
+    fit = OutputIdentifier(order=1, neurons=0, feedthrough=False, time_limit=0, max_output_gain=0.5 * gain).fit(data)
+    assert fit.certificate_.output_gains[0] <= 0.5 * gain
+    y = data[0].x
+    scaled = np.sqrt(np.mean((0.5 * (y - y.mean())) ** 2)) / y.std()
+    assert fit.report_.error < 0.8 * scaled
 
 
 def test_an_interrupt_of_the_linear_start_keeps_it():

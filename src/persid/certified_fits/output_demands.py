@@ -61,14 +61,14 @@ class Demand:
         found = getattr(getattr(verdict, "certificate", None), "output_gains", None)
         return 0.0 if self.gains is None else np.inf if found is None else float((found / self.gains).max())
 
-    def met(self, fit: StableFit, verdict: Verdict) -> StableFit:
-        """Return the fit with C and D of every output scaled until its gain is the one allowed; its mean stays.
+    def met(self, fit: StableFit, verdict: Verdict, share: float = SAFE) -> StableFit:
+        """Return the fit with C and D of every output scaled to that share of the gain allowed; its mean stays.
 
         The gain of an output is linear in its rows of C and D, so that this is exact.
         """
         certificate = getattr(verdict, "certificate", None)
         if self.gains is None or certificate is None or certificate.output_gains is None:
             return fit
-        share = np.minimum(1.0, SAFE * self.gains / certificate.output_gains)[:, None]
-        d = fit.d + ((1 - share) * fit.C) @ fit.x_mean
-        return replace(fit, C=share * fit.C, D=share * fit.D, d=d)
+        scale = np.minimum(1.0, share * self.gains / certificate.output_gains)[:, None]
+        d = fit.d + ((1 - scale) * fit.C) @ fit.x_mean
+        return replace(fit, C=scale * fit.C, D=scale * fit.D, d=d)

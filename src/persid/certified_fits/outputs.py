@@ -14,7 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from persid._threads import few_threads
 from persid.certified_fits.output_demands import Demand
 from persid.errors import DataError, ModelError
-from persid.identification.outputs.answer import Answer, answered
+from persid.identification.outputs.answer import ROOM, Answer, answered, limited
 from persid.identification.outputs.selection import Candidate, Question
 from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.trajectories import Trajectories
@@ -26,10 +26,12 @@ from persid.verdicts.outputs import certify_fit
 from persid.verdicts.verdict import Verdict
 
 EVEN = 1e-2  # of the step, by which sampling times may vary
-ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
 ROUNDS = 3  # in which outputs are scaled to the gains asked for
-SEEDS, SEEDED = (3, 9), 10_000  # fewest and most random starts, and samples times starts in between
+INSIDE = 0.95  # of the gain asked for, at which a fit below it begins
 TOLD = 10  # steps between two lines of progress
+
+
+Onward = Callable[[StableFit, ndarray], tuple[StableFit, float]]
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     certified: False fits without the condition; the verdict then depends on what `certify` finds.
     min_rate: None, or a rate of decay in 1/s that is certified.
     max_output_gain: None, or the largest gain of the outputs that is certified, in their unit per unit of the inputs:
-        one number, or one for each output. Where the fit's is larger, C and D of that output are scaled.
-    seeds: random starts for every size, or "auto": 3 to 9, the more the fewer samples there are.
-    random_state: the first of them.
+        one number, or one for each output. Where the fit's is larger, it goes on below that gain.
+    seeds: random starts for every size.  random_state: the first of them.
     warm_start: True continues from the fit before, where there is one; an `OutputModel` of a fit, or its file, from
         that one. Order, neurons and multipliers are kept, and nothing is searched. Errors named held out are then those
         of the earlier model on the new records.
@@ -107,7 +108,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         certified: bool = True,
         min_rate: float | int | None = None,
         max_output_gain: Any = None,
-        seeds: int | str = "auto",
+        seeds: int = 3,
         random_state: int = 0,
         warm_start: bool | OutputModel | str | Path = False,
         compare: bool = False,
@@ -153,7 +154,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         names = _output_names(data.states)
         if strange := [name for name in self.measured if name not in names]:
             raise DataError(f"measured= names {strange[0]!r}, which is none of the outputs ({', '.join(names)})")
-        question = replace(self._question(step, data.samples), outputs=names)
+        question = replace(self._question(step), outputs=names)
         tell = _told(progress)
         records = [(run.u, run.x) for run in data]
         with few_threads(4):
@@ -162,12 +163,13 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
                 free = answered(records, step, replace(question, certified=False), tell)
                 answer = replace(free, remarks=(answer.remarks[0], *free.remarks))
             least = self._free(answer, records, step, question, tell) if self.compare else None
-        self._deliver(answer, data, least, demand)
+        self._deliver(
+            answer, data, least, demand, lambda fit, gains: limited(fit, records, step, question, gains, tell)
+        )
         return self
 
-    def _question(self, step: float, samples: int) -> Question:
+    def _question(self, step: float) -> Question:
         _check_options(self)
-        seeds = int(np.clip(SEEDED // samples, *SEEDS)) if self.seeds == "auto" else int(self.seeds)
         kappa = 2 * ROOM * float(self.min_rate or 0.0) * step
         return Question(
             order=None if self.order == "auto" else int(self.order),
@@ -178,7 +180,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             hold=self.hold,
             certified=self.certified,
             kappa=kappa,
-            seeds=tuple(range(self.random_state, self.random_state + seeds)),
+            seeds=tuple(range(self.random_state, self.random_state + self.seeds)),
         )
 
     def _earlier(self) -> StableFit | None:
@@ -203,19 +205,23 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         )
         return None if answer.interrupted else answered(records, step, same, tell).candidate.held_out
 
-    def _deliver(self, answer: Answer, data: Trajectories, free: float | None, demand: Demand) -> None:
-        """Certify the answer; where its gains are larger than asked for, with its outputs scaled."""
+    def _deliver(self, answer: Answer, data: Trajectories, free: float | None, demand: Demand, onward: Onward) -> None:
+        """Certify the answer; where its gains are larger than asked for, a fit that keeps them."""
         self.n_features_in_, self.n_inputs_in_ = len(data.states), len(data.inputs)
         named = replace(answer.fit, inputs=data.inputs, outputs=_output_names(data.states))
         verdict = self._verdict(named, answer.candidate.seed, demand)
         error, remarks = answer.error, list(answer.remarks)
-        for _ in range(ROUNDS):  # a search may prove a little less of the scaled outputs
+        if demand.gains is not None and 1 < demand.excess(verdict) < np.inf and self._unit.M is not None:
+            kept, _ = onward(demand.met(self._unit, verdict, INSIDE), demand.gains)
+            kept = replace(kept, inputs=named.inputs, outputs=named.outputs)
+            verdict = self._verdict(kept, answer.candidate.seed, demand)
+        for _ in range(ROUNDS):  # what is certified may be a little more than what the fit kept
             if not 1 < demand.excess(verdict) < np.inf:
                 break
             verdict = self._verdict(demand.met(self._unit, verdict), answer.candidate.seed, demand)
         if self._unit.C is not answer.fit.C:
             error = self._error(data)
-            remarks.append(f"outputs are scaled to the gains asked for: error {error:.3g} (before {answer.error:.3g})")
+            remarks.append(f"the gains asked for are kept: error {error:.3g} (without them {answer.error:.3g})")
         remarks += demand.missed(verdict, self.model_.outputs)
         self.verdict_, self.certificate_ = verdict, getattr(verdict, "certificate", None)
         chosen = answer.candidate
@@ -309,8 +315,8 @@ def _check_options(given: OutputIdentifier) -> None:
         raise DataError(f'feedthrough is {given.feedthrough!r}; it is "auto", True or False')
     if given.measured and (given.feedthrough is True or given.output is not None):
         raise DataError("measured= goes with outputs that are states: without output= and without feedthrough=")
-    if given.seeds != "auto" and (not isinstance(given.seeds, int | np.integer) or given.seeds < 1):
-        raise DataError(f'seeds is {given.seeds!r}; it is "auto" or a whole number of at least 1')
+    if given.seeds < 1:
+        raise DataError(f"seeds is {given.seeds}; at least one start is needed")
 
 
 def _told(progress: Callable[[str], None] | None) -> Callable[[str, float], None]:

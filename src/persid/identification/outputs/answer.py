@@ -4,9 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from persid.errors import DataError
 from persid.identification.outputs import least_squares, refit, selection, strides
+from persid.identification.outputs.gains import Limit
 from persid.identification.outputs.least_squares import Fit, Stable, Task
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.remarks import LEAKS, remarks_on
@@ -17,6 +20,8 @@ from persid.models.stable_fit import StableFit
 Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
 FINAL_STEPS, FINAL_WORK = 100, 30_000_000  # steps on all data, and samples times steps times parameters
+BARRIERS = (1e-1, 1e-2, 1e-3)  # weights of the barrier that keeps gains, in units of the cost at its start
+ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
 GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
 REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
 UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
@@ -74,6 +79,32 @@ def answered(
     )
 
 
+def limited(
+    start: StableFit, records: Sequence[Record], dt: float, question: Question, gains: Float[ndarray, " l"],
+    tell: Tell = lambda stage, error: None,
+) -> tuple[StableFit, float]:  # fmt: skip
+    """Return a fit to all data that goes on from one with gains below those given, and keeps them there; its error.
+
+    A logarithmic barrier keeps them, its weight falling in stages.
+    """
+    scales = Scales.of(records, centred=question.output_map is None)
+    standard = [scales.standardised(record) for record in records]
+    winner = refit.winner_of(start, records, scales, dt, question)
+    pieces = Pieces.of(standard, question.hold)
+    ridge = selection.ridge_of(winner.latent, np.array([winner.ridge]))
+    task = Task(pieces, winner.parameters, ridge, winner.substeps)
+    weight = float(least_squares.begun(task, winner.batch).cost[0])
+    steps = int(np.clip(FINAL_WORK / (pieces.values * len(winner.parameters.free)), 10, FINAL_STEPS))
+    for share in BARRIERS:
+        limit = Limit(gains / scales.y_scale, scales.u_scale, question.kappa / ROOM, share * weight)
+        fit = least_squares.begun(replace(task, limit=limit), winner.batch)
+        if fit.ended[0]:
+            break
+        least_squares.fitted(replace(task, limit=limit), fit, steps, lambda fit: tell("gains", float(fit.error[0])))
+        winner = replace(winner, batch=fit.batch)
+    return _delivered(winner, standard, scales, dt, question)
+
+
 @dataclass(frozen=True, eq=False)
 class _Found:
     """Hold what a search found: the winner, all candidates, the error of the best linear model, and remarks."""
@@ -91,10 +122,11 @@ def _searched(standard: list[Record], question: Question, tell: Tell) -> _Found:
     question = replace(question, kappa=question.kappa * stride)
     part = selection.selected_part([strides.thinned(record, stride, question.hold) for record in standard])
     pieces = Pieces.of(part, question.hold, kept=selection.KEPT)
-    if sum(len(u) for u, _ in part) < sum(len(u) for u, _ in standard):
-        pieces = pieces.quiet(selection.LOUD)
+    loud = sum(len(u) for u, _ in part) < sum(len(u) for u, _ in standard)
+    pieces = pieces.quiet(selection.LOUD) if loud else pieces
     linear: list[LinearFit] = []
     search = _Search(pieces, part, question, tell)
+    search.loud = loud
     interrupted = False
     try:
         for one in selection.linear_fits(part, pieces, question):
@@ -135,6 +167,7 @@ class _Search:
     def __init__(self, pieces: Pieces, part: list[Record], question: Question, tell: Tell) -> None:
         self.pieces, self.part, self.question, self.tell = pieces, part, question, tell
         self.groups: list[Group] = []
+        self.loud = False
         self.remarks: list[str] = []
 
     @property
@@ -179,9 +212,10 @@ class _Search:
     def _sizes(self) -> list[tuple[int, int]]:
         """Return numbers of neurons, with how many of them harden."""
         values, asked = self.pieces.values, self.question.neurons
-        sizes = selection.SIZES if asked is None else ((asked, 0), (asked, (asked + 1) // 2))
-        kept = {(q, hard * self.question.certified) for q, hard in sizes if 20 * q < values or asked is not None}
-        return sorted(kept | ({(0, 0)} if asked is None else set()))
+        if asked is not None:
+            return sorted({(asked, 0), (asked, (asked + 1) // 2 * self.question.certified)})
+        sizes = (*selection.SIZES, *(selection.HARDENING if self.loud and self.question.certified else ()))
+        return [(0, 0), *((q, hard) for q, hard in sizes if 20 * q < values)]
 
     def _stable(self, linear: LinearFit) -> LinearFit:
         if not self.question.certified:
