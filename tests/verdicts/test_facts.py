@@ -110,3 +110,10 @@ def test_cross_products_of_relu_are_no_proof_where_three_points_rest() -> None:
     model = ps.PersidskiiModel(-np.eye(2), [("relu(x)", None, [[0.0, -2.0], [-2.0, 0.0]])], np.eye(2))
     assert ps.certify(model).is_certified
     assert not ps.certify(model, u_op=[3.0, 3.0]).is_certified
+
+
+def test_a_speck_of_negative_damping_is_no_exception() -> None:
+    """A spring with +7e-9 x2^3 in its damping runs away from far out: it is not certified, and nothing fails."""
+    A = [[0.0, 0.0], [-1.0, 7e-9]]
+    model = ps.PersidskiiModel([[0, 1], [-1, -0.5]], [("x**3", None, A)], [[0], [1]], b=[0.0, -0.0006])
+    assert not ps.certify(model).is_certified
