@@ -233,7 +233,8 @@ def test_a_model_that_no_fit_made_is_no_warm_start(tmp_path):
     plant.save(tmp_path / "states.json")
     fitted = OutputIdentifier(order=1, neurons=0, time_limit=0).fit(data).model_
     other = ps.OutputModel(plant, [[1.0]])
-    changed = ps.OutputModel(plant, fitted.C, fitted.D, fitted.d, provenance={"fit": fitted.provenance["fit"]})
+    known = {name: getattr(fitted, name) for name in ("noise", "x_mean", "x_cov", "provenance")}
+    changed = ps.OutputModel(plant, fitted.C, fitted.D, fitted.d, **known)
     for start, message in (
         (tmp_path / "states.json", "is a model of states"),
         (other, "was not made by a fit"),

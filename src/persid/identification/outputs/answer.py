@@ -239,7 +239,8 @@ class _Search:
             for q, hardening in sizes
         ]
         self.groups += groups
-        selection.raced(groups, lambda error: self.tell("search", error))
+        rungs = selection.LONG_RUNGS if self.loud else selection.RUNGS
+        selection.raced(groups, lambda error: self.tell("search", error), rungs)
 
     def _climbs(self, linear: Sequence[LinearFit]) -> bool:
         """Try one state more than the best candidate has, if that is the largest order tried; whether it was better."""

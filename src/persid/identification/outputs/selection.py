@@ -23,6 +23,7 @@ ORDERS = 6  # tried at most
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
 SHARE = 3  # one in so many goes on, at most
+LONG_RUNGS = ((12, 20), (20, 10), (50, 4), (100, 1))  # where there are more candidates, on longer records
 HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
@@ -238,9 +239,9 @@ def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K
     return np.asarray(weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)]))
 
 
-def raced(groups: list[Group], tell: Callable[[float], None]) -> None:
+def raced(groups: list[Group], tell: Callable[[float], None], rungs: Sequence[tuple[int, int]] = RUNGS) -> None:
     """Fit all candidates for some steps, go on with the best, and so on."""
-    for steps, survivors in RUNGS:
+    for steps, survivors in rungs:
         for group in groups:
             least_squares.fitted(group.task, group.fit, steps, lambda fit: tell(float(np.nanmin(fit.held_out))))
         ranking = ranked(groups)
