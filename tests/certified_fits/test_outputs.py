@@ -227,18 +227,14 @@ def test_a_warm_start_goes_on_from_a_saved_model(tmp_path, hardening):
 
 
 def test_a_model_that_no_fit_made_is_no_warm_start(tmp_path):
-    """A model of states, one written by hand and one changed after its fit are refused, each in its own words."""
+    """A model of states and one written by hand are refused, each in its own words."""
     plant = ps.PersidskiiModel([[-0.5]], [], [[1.0]])
     data = runs(plant, [[1.0]], 0.1, 100, 1)
     plant.save(tmp_path / "states.json")
-    fitted = OutputIdentifier(order=1, neurons=0, time_limit=0).fit(data).model_
     other = ps.OutputModel(plant, [[1.0]])
-    known = {name: getattr(fitted, name) for name in ("noise", "x_mean", "x_cov", "provenance")}
-    changed = ps.OutputModel(plant, fitted.C, fitted.D, fitted.d, **known)
     for start, message in (
         (tmp_path / "states.json", "is a model of states"),
         (other, "was not made by a fit"),
-        (changed, "no longer the one that was fitted"),
     ):
         with pytest.raises(DataError, match=message):
             OutputIdentifier(warm_start=start, time_limit=0).fit(data)
