@@ -40,6 +40,13 @@ class PlantMargin:
     the state stays in the long run without input, proved for every plant within them. At a `share` of the places
     between the samples epsilon would not be needed; `alarms` are signs that what the estimate assumes does not hold.
     `certificate` is None where so large an epsilon leaves nothing to prove.
+
+    Examples:
+        >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
+        >>> fit = ps.PersidskiiIdentifier(["x"], ridge=1e-4).fit(data)
+        >>> found = ps.plant_margin(fit, ps.certify(fit.model_), data)
+        >>> 0 < found.share <= 1
+        True
     """
 
     delta: float
