@@ -14,13 +14,13 @@ from persid.lyapunov.search import search
 from persid.lyapunov.shifted_model import Setting
 from persid.verdicts.verdict import Reason
 
-CROSS = [[0.0, -2.0], [-2.0, 0.0]]
+DRIVEN = [("x**3", None, [[0.0, 1.0], [0.0, 0.0]]), ("tanh(x)", None, [[0.0, 0.0], [1.0, 0.0]])]
 
 
 @pytest.mark.filterwarnings("ignore:divide by zero")
 def test_proved_reason(tmp_path: Path) -> None:
-    """Two states that push each other by relu have no certificate in the family, by proof; that refutes nothing."""
-    verdict = ps.certify(ps.PersidskiiModel(-np.eye(2), [("relu(x)", None, CROSS)], np.eye(2)))
+    """A cube that a bounded function drives has no certificate in the family, by proof; that refutes nothing."""
+    verdict = ps.certify(ps.PersidskiiModel(-np.eye(2), DRIVEN, np.eye(2)))
     assert isinstance(verdict, ps.Undecided)
     assert verdict.reason is Reason.INFEASIBLE
     assert verdict.obstruction is not None

@@ -50,5 +50,5 @@ def test_a_run_in_discrete_time(folder: Path, capsys: pytest.CaptureFixture[str]
     assert found.held is not None
     assert cli.main(["score", "out/model.json", "data.csv", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scores"]["rows"][-1]["r2"] > 0.99
-    assert cli.main(["certify", "out/model.json", "--json"]) == 0
+    assert cli.main(["certify", "out/model.json", "-o", "again.json", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == "certified"

@@ -58,18 +58,18 @@ def _mean(
 ) -> Float[ndarray, "e e"]:
     """Return the mean of z z' over points z of the model on the entries `at`, plus a little I; its mean diagonal is 1.
 
-    Only the states that the groups read are drawn, so a block costs what it holds.
+    Only the states that the block holds or its groups read are drawn, so a block costs what it holds.
     """
-    read = np.flatnonzero(np.any([group.row for group in groups], axis=0))
+    kept = np.array(system.states, int)
+    own = np.flatnonzero(at < len(kept))
+    read = np.union1d(np.flatnonzero(np.any([group.row for group in groups], axis=0)), kept[at[own]])
     count = SAMPLES * len(at) + 20
     magnitude = np.exp(rng.uniform(np.log(0.1), np.log(5.0), (count, len(read))))
     x = magnitude * rng.choice([-1.0, 1.0], magnitude.shape) * units.states[read]
     arguments = [x @ group.row[read] for group in groups]
     shrinking = [_share_inside(group, y) for group, y in zip(groups, arguments, strict=True)]
     share = np.min([np.ones(count), *shrinking], axis=0)
-    kept = np.array(system.states, int)
     z = np.zeros((count, len(at)))
-    own = np.flatnonzero(at < len(kept))
     z[:, own] = (x * share[:, None])[:, np.searchsorted(read, kept[at[own]])]
     for group, y in zip(groups, arguments, strict=True):
         with np.errstate(over="ignore"):

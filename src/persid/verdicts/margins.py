@@ -15,9 +15,11 @@ from persid.lyapunov.margins import Residuals, complex_radius, largest_margin, r
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, smallest_gain
 from persid.lyapunov.shifted_model import Setting
+from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
 from persid.verdicts.searches import settled
+from persid.verdicts.verdict import Reason
 
 SHARES = (0.9, 0.6)  # of the largest delta at which a certificate is made: with room for rounding
 SLOW = (0.1, 0.03, 0.01)  # of the decay rate of the linearisation: what is asked for; a region needs one of them
@@ -28,6 +30,8 @@ MARGIN_STATES = 20  # up to so many states it is sought
 def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Margin | Failure:
     """Return the residual margin of a model that is certified in a setting, at the constant input u."""
     model, J = setting.model, setting.jacobian
+    if not np.isfinite(J).all():
+        return Failure(Reason.OUTSIDE, words.NO_SLOPE)
     x_star = model.x_ref if setting.point is None else setting.point.x
     residuals = Residuals.of(model, setting.system.B.shape[1])
     radius = complex_radius(J, residuals)
