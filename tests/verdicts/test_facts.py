@@ -117,3 +117,19 @@ def test_a_speck_of_negative_damping_is_no_exception() -> None:
     A = [[0.0, 0.0], [-1.0, 7e-9]]
     model = ps.PersidskiiModel([[0, 1], [-1, -0.5]], [("x**3", None, A)], [[0], [1]], b=[0.0, -0.0006])
     assert not ps.certify(model).is_certified
+
+
+def test_numbers_that_floating_point_does_not_bear_end_without_a_proposal() -> None:
+    """Exponentials far from the operating point overflow the search; the verdict is an answer, not an exception."""
+    terms = [("exp(x)", [[-1.0, 0.0, 0.0], [1.0, 1.0, 0.0]], [[0.0, -1.5], [-0.9, 0.3], [-1.2, 0.0]])]
+    A0 = [[-1.0, 0.7, -0.4], [0.7, -1.4, 0.1], [-0.1, 0.0, -0.9]]
+    model = ps.PersidskiiModel(A0, terms, [[0.9], [0.7], [1.3]], [1.4, -1.3, 1.3])
+    assert isinstance(ps.certify(model, time_limit=20), ps.Undecided)
+
+
+def test_a_state_that_no_function_reads_stays_in_the_search() -> None:
+    """An oscillator damped through one state alone is asked about without an exception."""
+    model = ps.PersidskiiModel(
+        [[0.0, 1.0], [-1.0, 0.0]], [("tanh(x)", None, [[-0.1, 0.0], [0.0, 0.0]])], [[1.0], [0.0]]
+    )
+    assert isinstance(ps.certify(model), ps.Undecided)

@@ -102,3 +102,11 @@ def test_plants_within_a_margin_keep_its_bound(name: str, epsilon: float) -> Non
         largest = np.maximum(largest, np.linalg.norm(x, axis=1) / bounds[:, k])
     assert largest.max() <= 1
     assert largest.max() > 0.3  # the bound is not empty talk
+
+
+def test_a_state_that_takes_no_part_leaves_no_margin() -> None:
+    """Where V reads a state through its functions alone, a deviation that reads it has no place: there is no margin."""
+    terms = [("relu(x)", None, [[-1.0]]), ("x*abs(x)", None, [[-1.1]])]
+    verdict = ps.certify(ps.PersidskiiModel([[0.0]], terms, [[0.8]]))
+    assert isinstance(verdict, ps.Certified)
+    assert verdict.margin is None

@@ -156,9 +156,12 @@ def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Cand
         return None
     solvable, matrices = built
     candidate = Candidate(frame, kappa, solvable, matrices, np.zeros(len(solvable.free)))
-    w = _priced(matrices, left) if not solvable.zero and not frame.is_regional else _centred(candidate, left)
-    candidate = replace(candidate, w=w)
-    return candidate if np.isfinite(candidate.gamma(w)) else None
+    try:
+        w = _priced(matrices, left) if not solvable.zero and not frame.is_regional else _centred(candidate, left)
+        candidate = replace(candidate, w=w)
+        return candidate if np.isfinite(candidate.gamma(w)) else None
+    except np.linalg.LinAlgError:  # numbers of a size that floating point does not bear
+        return None
 
 
 def _priced(matrices: Matrices, left: Left) -> Float[ndarray, " J"]:

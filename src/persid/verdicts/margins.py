@@ -32,6 +32,8 @@ def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Marg
     model, J = setting.model, setting.jacobian
     if not np.isfinite(J).all():
         return Failure(Reason.OUTSIDE, words.NO_SLOPE)
+    if len(setting.system.states) < model.n:  # C reads every state, and one has no entry of z
+        return stopped(Status.INFEASIBLE)
     x_star = model.x_ref if setting.point is None else setting.point.x
     residuals = Residuals.of(model, setting.system.B.shape[1])
     radius = complex_radius(J, residuals)
