@@ -277,7 +277,7 @@ def test_no_model_is_both(without_rates: None, drawn: Any) -> None:
     points = ps.find_operating_point(model)
     witness = find_witness(model, model.u_ref, points)
     log = Log(time.perf_counter() + 6, lambda line: None)
-    found = _global(_Asked(model, None, model.u_ref, None, each=False), points, log)
+    found = _global(_Asked(model, None, model.u_ref, None, each=False, rate=None), points, log)
     assert isinstance(found, ps.Refuted) == (witness is not None)
     if witness is not None:  # and if no witness had been looked for
         assert not _without_witness(model, points[:1], log)
