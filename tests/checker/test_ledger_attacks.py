@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from checker import known_ledgers
+from checker.drawn import outcomes
 from checker.ledgers import ZERO, Sketch, curve, data, draft, model_object, point, solved
 from checker.mutation import mutants
 from checker.sampled import faults, faults_of_pairs
@@ -111,25 +112,7 @@ def _is_stable(content: dict[str, Any]) -> bool:
 
 
 def _scalars(count: int, seed: int) -> Counter[str]:
-    choose, counts = random.Random(seed), Counter()
-    for _ in range(count):
-        try:
-            content = solved(_scalar(choose), ratio=1e3)
-        except (RoundingError, NotProvedError, FormatError):
-            counts["not made"] += 1
-            continue
-        except Exception as error:  # the solver gives up
-            if type(error).__name__ != "SolverError":
-                raise
-            counts["not made"] += 1
-            continue
-        answer = check(data(content))
-        counts[type(answer).__name__] += 1
-        if isinstance(answer, Accepted):
-            assert _is_stable(content), content["model"]
-            assert faults(content, samples=60) == [], content["model"]
-    print(dict(counts))
-    return counts
+    return outcomes(_scalar, _is_stable, count, seed)
 
 
 @pytest.mark.long

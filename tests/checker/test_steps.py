@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from checker import known_ledgers, named
+from checker.drawn import outcomes
 from checker.independent import Model
 from checker.known_steps import as_steps, steps_model
-from checker.ledgers import Sketch, curve, data, point, solved
-from checker.sampled import Sampled, faults
+from checker.ledgers import Sketch, curve, data, point
+from checker.sampled import Sampled
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
 from persid_check import Accepted, Malformed, Rejected, canonical_model, check, model_sha256
@@ -67,23 +68,7 @@ def _settles(content: dict[str, Any]) -> bool:
 
 
 def _random(count: int, sizes: tuple[int, ...], seed: int) -> Counter[str]:
-    choose, counts = random.Random(seed), Counter()
-    for _ in range(count):
-        try:
-            content = solved(_network(choose, choose.choice(sizes)), ratio=1e3)
-        except Exception as error:  # the solver gives up, or rounding loses the margin
-            made = isinstance(error, RoundingError | NotProvedError | FormatError)
-            if not made and type(error).__name__ != "SolverError":
-                raise
-            counts["not made"] += 1
-            continue
-        answer = check(data(content))
-        counts[type(answer).__name__] += 1
-        if isinstance(answer, Accepted):
-            assert _settles(content), content["model"]
-            assert faults(content, samples=60) == [], content["model"]
-    print(dict(counts))
-    return counts
+    return outcomes(lambda choose: _network(choose, choose.choice(sizes)), _settles, count, seed)
 
 
 def test_accepted_random_models_of_one_state_settle() -> None:

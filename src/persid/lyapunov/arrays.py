@@ -14,7 +14,6 @@ from typing import Any, Protocol, runtime_checkable
 import array_api_compat.numpy as numpy_namespace
 import numpy as np
 import scipy.linalg as sla
-from array_api_compat import array_namespace
 from scipy import sparse
 
 from persid._libraries import library
@@ -207,8 +206,3 @@ HOST: Arrays = Host()
 def arrays_on(device: str) -> Arrays:
     """Return the arrays of a device: "cpu" for NumPy, and PyTorch for any other, such as "cuda" or "cuda:1"."""
     return HOST if device == "cpu" else Torch(device)
-
-
-def namespace(*arrays: Array) -> ModuleType:
-    """Return the namespace of arrays."""
-    return array_namespace(*arrays)

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from array_api_compat import array_namespace
 from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
-from persid.lyapunov.arrays import HOST, Array, Arrays, namespace
+from persid.lyapunov.arrays import HOST, Array, Arrays
 from persid.lyapunov.triangle import Triangle, triangle
 
 
@@ -190,7 +191,7 @@ def pair_products(
     M: Float[Array, "K K"], block: int,
 ) -> Float[Array, "K K"]:  # fmt: skip
     """Write tr(F_k X F_l Z^-1) of single pairs (p_k, q_k) to the lower triangle of M, a `block` of rows at a time."""
-    take = namespace(M).take
+    take = array_namespace(M).take
     for start in range(0, p.shape[0], block):
         stop = min(start + block, p.shape[0])
         rows = slice(start, stop)
@@ -206,6 +207,6 @@ def pair_products(
 
 def tied(M: Float[Array, "K K"], tie: Array) -> Float[Array, "J J"]:
     """Return tie M tie' for a symmetric M of which the lower triangle is given."""
-    xp = namespace(M)
+    xp = array_namespace(M)
     M = xp.tril(M) + xp.tril(M, k=-1).T
     return tie @ xp.asarray((tie @ M).T, copy=True)

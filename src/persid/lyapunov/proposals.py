@@ -23,11 +23,11 @@ from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.frame import Frame, Matrices, Unknown
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.pairs import combine, pairings
+from persid.lyapunov.rates import largest_rate
 from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Scaling, System, scaling
 from persid.lyapunov.zero_rows import Solvable, reduced
 
-STEPS = 8  # bisections of a rate
 ACROSS = ("difference", "one_signed")
 ROUNDS = 60
 FALL = 0.1  # share to which the complementarity falls in a round
@@ -233,19 +233,11 @@ def _first(candidate: Candidate) -> ndarray:
 
 def best_rate(frame: Frame, fastest: float, left: Left) -> Candidate | None:
     """Return a candidate whose kappa is within some percent of the largest; `fastest` bounds kappa from above."""
-    best, low, high, trial = None, 0.0, fastest, 0.5 * fastest
-    for _ in range(STEPS):
-        if left() <= 0:
-            break
-        found = feasible(frame, Fraction(_short(trial)), left, across=True)
-        if found is None:
-            high = trial
-        else:
-            best, low = found, trial
-        trial = 0.5 * (low + high) if low else 0.1 * high
-        if low and high < 1.1 * low:
-            break
-    return best
+
+    def ask(trial: float, _: Candidate | None) -> Candidate | None:
+        return feasible(frame, Fraction(_short(trial)), left, across=True)
+
+    return largest_rate(ask, fastest, left, first=0.5, fall=0.1, near=1.1)
 
 
 def _short(number: float) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,8 @@ from persid.lyapunov.sectors import Curve
 from persid.lyapunov.system import System, Target
 
 STEPS = 8  # bisections of the rate, and of the gain
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +54,36 @@ def best_rate(question: Question, fastest: float, left: Callable[[], float]) -> 
 
     `fastest` bounds kappa from above: twice the decay rate of the linearisation.
     """
-    best: Outcome | None = None
-    low, high = 0.0, fastest
-    trial = 0.9 * fastest
+    return largest_rate(
+        lambda trial, best: question.ask(trial, None, best, left), fastest, left, first=0.9, fall=0.3, near=1.05
+    )
+
+
+def largest_rate(
+    ask: Callable[[float, T | None], T | None],
+    fastest: float,
+    left: Callable[[], float],
+    *,
+    first: float,
+    fall: float,
+    near: float,
+) -> T | None:
+    """Return what `ask` finds at the largest rate below `fastest` at which it finds anything, by bisection.
+
+    It is asked at the share `first` of that, then at the share `fall` of what was too fast until something is found,
+    and no more where what is too fast is `near` times what is not. `ask` takes the rate, and what was found last.
+    """
+    best, low, high, trial = None, 0.0, fastest, first * fastest
     for _ in range(STEPS):
         if left() <= 0:
             break
-        found = question.ask(trial, None, best, left)
+        found = ask(trial, best)
         if found is None:
             high = trial
         else:
             best, low = found, trial
-        trial = 0.5 * (low + high) if low else 0.3 * high
-        if low and high < 1.05 * low:
+        trial = 0.5 * (low + high) if low else fall * high
+        if low and high < near * low:
             break
     return best
 

@@ -55,7 +55,7 @@ def by_facts(
     frame = replace(frame, points=tuple(map(proved, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
     J = setting.jacobian
-    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
+    limit = setting.fastest if np.isfinite(J).all() else 0.0
     best = None if stable is None else best_rate(frame, limit if limit > 0 else stable.speed, log.left)
     if best is None:
         if stable is None:
@@ -83,7 +83,7 @@ def by_strips(setting: Setting, log: Log) -> Certificate | Failure:
     Widths are sought at a rate that costs no volume; then the largest rate is taken that leaves most of the volume.
     """
     J = setting.jacobian
-    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
+    limit = setting.fastest if np.isfinite(J).all() else 0.0
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     frame, units = frame_of(setting), scaling(setting.system).states

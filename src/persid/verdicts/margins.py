@@ -38,7 +38,7 @@ def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Marg
     residuals = Residuals.of(model, setting.system.B.shape[1])
     radius = complex_radius(J, residuals)
     resting = resting_bound(model, x_star, u, residuals, setting.box)
-    fastest = -2 * float(np.linalg.eigvals(J).real.max())
+    fastest = setting.fastest
     slowest = 0.0 if setting.box is None else SLOW[-1] * fastest
     largest, found = largest_margin(_question(setting), residuals, min(radius, resting), slowest, log.left)
     if found is None:
