@@ -369,8 +369,10 @@ def test_the_convex_step_against_a_library():
     frame = frame_of(full_P=False, anchor=np.zeros(2))
     inequality, fit = frame.inequality, frame.fit
     descent = descend(inequality, fit, frame.start(damped_linear(frame)))
+    for _ in range(4):  # from this start the last steps are more than one descent has patience for
+        descent = descent if descent.stop is Stop.OPTIMAL else descend(inequality, fit, descent.point)
     end = descent.point
-    assert descent.stop in (Stop.OPTIMAL, Stop.STALLED)  # at the end of the path rounding decides which
+    assert descent.stop is Stop.OPTIMAL
     w, tau = cvxpy.Variable(len(end.w)), cvxpy.Variable(len(inequality.product.p), nonneg=True)
     E, flow = inequality.slopes(end.y), inequality.flow
     F = cvxpy.Constant(inequality.base)
