@@ -195,7 +195,7 @@ def test_a_warm_start_continues_from_the_fit_before():
     """A warm start keeps order, neurons and proof, tells the earlier model's error on new records, and lowers it."""
     spring = [("tanh(x)", [[1.0]], [[-1.0]])]
     before, after = (ps.PersidskiiModel([[-a]], spring, [[1.0]]) for a in (0.5, 0.7))
-    fit = OutputIdentifier(order=1, neurons=2, seeds=3, feedthrough=False, warm_start=True, time_limit=0)
+    fit = OutputIdentifier(order=1, neurons=1, seeds=1, feedthrough=False, warm_start=True, time_limit=0)
     fit.fit(runs(before, [[1.0]], 0.1, 200, 1))
     first, new = fit.fit_, runs(after, [[2.0]], 0.2, 150, 1, seed=3)
     fit.fit(new)
