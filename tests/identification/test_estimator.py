@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+import scipy.sparse
 import sklearn
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
@@ -53,6 +54,14 @@ def test_the_estimator_checks_pass():
     count, failed = json.loads(done.stdout)
     assert not set(failed) - set(EXCEPTIONS), failed
     assert count > 30
+
+
+@pytest.mark.parametrize("layout", ["csr", "csc", "coo", "dok", "lil", "bsr", "dia"])
+def test_sparse_arrays_are_refused_by_name(layout):
+    """A sparse array of any layout is refused with words that say so."""
+    sparse = scipy.sparse.eye_array(5, format=layout)
+    with pytest.raises(TypeError, match=r"[Ss]parse"):
+        PersidskiiIdentifier(["x"]).fit(sparse, dt=1.0)
 
 
 RUN = TRAFFIC[0]

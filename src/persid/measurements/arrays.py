@@ -32,7 +32,7 @@ def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None
             )
         return Trajectories.from_xarray(X)
     frames = X if isinstance(X, list | tuple) else [X]
-    if frames and all(any(hasattr(one, name) for name in ("columns", "iloc", "coords")) for one in frames):
+    if frames and all(any(hasattr(one, name) for name in ("columns", "iloc", "dims")) for one in frames):
         from persid.measurements.frames import beside
 
         return Trajectories.of(beside(list(frames), u, t, dt))
