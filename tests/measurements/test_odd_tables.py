@@ -121,3 +121,14 @@ def test_a_dataset_has_its_times() -> None:
     np.testing.assert_allclose(found.A0, seconds.A0, rtol=1e-9)
     with pytest.raises(DataError, match="from_xarray"):
         ps.PersidskiiIdentifier(["x"]).fit(dataset, u=U[:, None])
+
+
+def test_a_row_written_twice_is_read_once(tmp_path: Path) -> None:
+    """A row that repeats the one before it, time and all, is left out with a note; labels of the others stay."""
+    path = written(tmp_path, "t,x,u", lambda k: "\n".join([f"{T[k]},{X[k]},{U[k]}"] * (3 if k == 7 else 1)))
+    data = ps.read_csv(path, **ASKED)
+    assert right(data)
+    assert any("2 row(s) that repeat the row before them, the first row 10," in note for note in data.notes)
+    path.write_text(path.read_text() + "3.9,7,0\n")
+    with pytest.raises(DataError, match="row 44, column 't': time 3.9 is repeated"):
+        ps.read_csv(path, **ASKED)

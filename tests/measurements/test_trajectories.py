@@ -89,7 +89,7 @@ BROKEN = {
     "a slow channel": (["0,1,,3", "0.1,4,5,6", "0.2,7,,9"], {}, ["1 of 3 rows have a value", 'missing="drop"']),
     "a way with missing cells that is none": (ROWS, {"missing": "fill"}, ["split, drop, interpolate"]),
     "unsorted times": ([ROWS[1], ROWS[0]], {}, ["row 3", "'t'", "sort"]),
-    "repeated times": ([ROWS[0], ROWS[1], ROWS[1]], {}, ["row 4", "'t'", "repeated"]),
+    "repeated times": ([ROWS[0], ROWS[1], "0.1,4,5,7"], {}, ["row 4", "'t'", "repeated"]),
     "too few rows": (ROWS[:1], {}, ["1 rows", "at least 2"]),
     "no rows": ([], {}, ["0 rows"]),
     "missing column": (ROWS, {"states": ["x1", "speed"]}, ["'speed'", "the columns are t, x1, x2, u"]),

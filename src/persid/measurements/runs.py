@@ -93,7 +93,7 @@ def restarts(name: str, rows: Rows, t: ndarray) -> ndarray:
     if len(little) or len(places) / (len(back) + 1) < SHORTEST:
         k = int((little if len(little) else back)[0])
         before = float(t[places[k]])
-        raise _disorder(name, rows, t, places[k : k + 2], f"comes after {before!r}", _UNSORTED)
+        raise _disorder(name, rows, t, places[k : k + 2], f"comes after {before:.12g}", _UNSORTED)
     return places[back + 1]
 
 
@@ -108,7 +108,7 @@ def _disorder(name: str, rows: Rows, t: ndarray, pair: ndarray, what: str, hint:
     """Return the error that names the second of two rows that are out of order."""
     k = int(pair[1])
     column = f", column {rows.clock!r}" if rows.clock else ""
-    return DataError(f"{name}: {rows.label(k)}{column}: time {float(t[k])!r} {what}; {hint}")
+    return DataError(f"{name}: {rows.label(k)}{column}: time {float(t[k]):.12g} {what}; {hint}")
 
 
 def _cuts(table: Table, rows: Rows, t: ndarray, gap: float | int | None, notes: list[str]) -> list[tuple[int, int]]:

@@ -138,7 +138,7 @@ def rows_of(table: Table, columns: Columns, notes: list[str]) -> Rows:
     t = None if clock is None else _times(table, clock, columns, notes)
     values = np.column_stack([_numbers(table, column, columns, notes) for column in found])
     good = np.isfinite(values).all(axis=1) & (True if t is None else np.isfinite(t))
-    rows = Rows(t, values, good, runs, table.label, str(clock).strip())
+    rows = _said_once(Rows(t, values, good, runs, table.label, str(clock).strip()), table, notes)
     if columns.missing == "drop":
         return _dropped(rows, table, columns, notes)
     if columns.missing == "interpolate":
@@ -342,6 +342,27 @@ def _complaint(cell: Any, what: str = "number") -> str:
     return f"{cell!r} is not a finite number"
 
 
+def _said_once(rows: Rows, table: Table, notes: list[str]) -> Rows:
+    """Leave out rows that say what the row before them says, its time included: a logger that wrote them twice."""
+    if rows.t is None:
+        return rows
+    said = np.column_stack([rows.t, rows.values])
+    again = rows.good & np.concatenate([[False], (said[1:] == said[:-1]).all(axis=1)])
+    if rows.runs is not None:
+        again[1:] &= rows.runs[1:] == rows.runs[:-1]
+    if not again.any():
+        return rows
+    first = rows.label(int(np.flatnonzero(again)[0]))
+    notes.append(f"{table.name}: {again.sum()} row(s) that repeat the row before them, the first {first}, are left out")
+    return _kept(rows, np.flatnonzero(~again))
+
+
+def _kept(rows: Rows, kept: ndarray) -> Rows:
+    """Return some of the rows, which keep their labels."""
+    t, runs = (None if part is None else part[kept] for part in (rows.t, rows.runs))
+    return Rows(t, rows.values[kept], rows.good[kept], runs, lambda k: rows.label(int(kept[k])), rows.clock)
+
+
 def _dropped(rows: Rows, table: Table, columns: Columns, notes: list[str]) -> Rows:
     """Leave incomplete rows out, without an end of a run there."""
     kept = np.flatnonzero(rows.good)
@@ -350,8 +371,7 @@ def _dropped(rows: Rows, table: Table, columns: Columns, notes: list[str]) -> Ro
         return rows
     notes.append(f"{table.name}: {lost} of {len(rows.good)} rows are incomplete and left out")
     t = rows.t if rows.t is not None else np.arange(len(rows.good)) * float(columns.dt or 0)
-    runs = None if rows.runs is None else rows.runs[kept]
-    return Rows(t[kept], rows.values[kept], rows.good[kept], runs, lambda k: table.label(int(kept[k])), rows.clock)
+    return _kept(replace(rows, t=t), kept)
 
 
 def _filled(rows: Rows, table: Table, columns: Columns, notes: list[str]) -> Rows:
