@@ -130,5 +130,5 @@ def test_a_row_written_twice_is_read_once(tmp_path: Path) -> None:
     assert right(data)
     assert any("2 row(s) that repeat the row before them, the first row 10," in note for note in data.notes)
     path.write_text(path.read_text() + "3.9,7,0\n")
-    with pytest.raises(DataError, match="row 44, column 't': time 3.9 is repeated"):
+    with pytest.raises(DataError, match=r"row 44, column 't': time 3\.9 is repeated"):
         ps.read_csv(path, **ASKED)
