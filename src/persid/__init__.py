@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from persid.models.equations import equations as equations
     from persid.models.exports.pysindy import from_pysindy as from_pysindy
     from persid.models.files import load_model as load_model
+    from persid.models.lookup_tables import lookup_table as lookup_table
     from persid.models.model import PersidskiiModel as PersidskiiModel
     from persid.models.outputs import OutputModel as OutputModel
     from persid.models.recurrent import from_rnn as from_rnn
@@ -75,6 +76,7 @@ _HOMES = {
     "persid.identification.advice": ("Advice", "Diagnosis", "advise"),
     "persid.identification.identifier": ("PersidskiiIdentifier",),
     "persid.models.files": ("load_model",),
+    "persid.models.lookup_tables": ("lookup_table",),
     "persid.models.model": ("PersidskiiModel",),
     "persid.models.outputs": ("OutputModel",),
     "persid.networks.certificate": ("NetworkCertificate",),
@@ -137,6 +139,7 @@ __all__ = [
     "from_rnn",
     "load_certificate",
     "load_model",
+    "lookup_table",
     "open_recordings",
     "plant_margin",
     "plots",

@@ -26,10 +26,13 @@ _UNARY = [
 ]
 
 
+TABLE = "pwl(x; -1.3: -1, -0.4: 0, 0.4: 0.1, 2: -0.5)"
+
+
 def expression(choose: random.Random, depth: int = 3) -> str:
     """A random expression, often but not always a sector function."""
     if depth == 0 or choose.random() < 0.15:
-        return choose.choice(["x", "x", "x", "x**3", "tanh(x)", f"{choose.randint(1, 9) / 4}*x", "x**2", "1"])
+        return choose.choice(["x", "x", "x", "x**3", "tanh(x)", f"{choose.randint(1, 9) / 4}*x", "x**2", "1", TABLE])
     kind = choose.random()
     inner = expression(choose, depth - 1)
     if kind < 0.35:

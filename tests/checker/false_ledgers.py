@@ -118,6 +118,46 @@ _set("spanning_of_one", "m_cubes", R, "one of two rows", (("spanning",), lambda 
 _set("spanning_no_density", "m_cubes", R, "mu = 0", (("points", 0, "densities", 0, 1), [0, 0]))
 _set("spanning_needless", V, R, "no state is dropped", (("spanning",), [[0, 0]]))
 
+# --- tables of knots and values
+L = "lookup"
+
+
+def _table(*changes: tuple[str, str]) -> tuple[Edit, ...]:
+    text = known_ledgers.TABLE
+    for old, new in changes:
+        text = text.replace(old, new)
+    return _f(text)
+
+
+_LONG = ", ".join(f"{k}.{'0' * 60}: {k}.{'0' * 60}" for k in range(40))
+_set("table_sector_a_hair_too_tight", L, R, "2 y it is", _l(1, 2 - 2**-20, -1), _is(1, "sector"))
+_set("table_slope_a_hair_too_small", L, R, "slope 2 on the left", _l(1, 2 - 2**-40, -1))
+_set("table_slope_of_rest", L, R, "it rests on one piece", _l(0, -(2**-40), 1))
+_set("table_falls_on_one_piece", L, R, "its last piece falls", *_table(("2: 0.75", "2: 0.7499999999")))
+_set("table_falls_inside", L, R, "a piece inside falls", *_table(("0.5: 0,", "0.5: -1e-9,")))
+_set("table_steep_on_one_piece", L, R, "slope 2.01 there", *_table(("1.25: 0.75, 2: 0.75", "0.6: 0.201, 2: 0.75")))
+_set("table_nearly_jumps", L, R, "slope 1e300", *_table(("0: 0, 0.5: 0", "0: 0, 1e-300: 1e-9, 0.5: 1e-9")))
+_set("table_not_at_rest", L, R, "not 0 at 0", *_table(("0: 0, 0.5: 0", "0: 1e-9, 0.5: 1e-9")))
+_set("table_does_not_grow", L, R, "its last piece is flat", _is(0, "growing"))
+_set("table_does_not_rise", L, R, "it rests on one piece", _is(0, "rising"))
+_set(
+    "table_integral",
+    L,
+    R,
+    "the flat end wants 1",
+    (("curves", 0, "forms", 0, "upper"), [[127, -7], [0, 0], [0, [-8, 0, 8]]]),
+)
+_set("table_of_another", L, R, "the model's has another value",
+     (("curves", 0, "functions", 0, 0), known_ledgers.TABLE.replace("2: 0.75", "2: 0.76")))  # fmt: skip
+for _name, _change in {
+    "jumps": ("0.5: 0", "0: 0.5"), "falls_back": ("0.5: 0", "-0.1: 0"), "of_nothing": ("-1.5: -2.25", ""),
+    "ends": ("-1.5: -2.25", "-1.5"), "infinite": ("0.75", "1e999"), "of_words": ("0.75", "x"),
+    "of_a_sum": ("(x;", "(x+1;"), "without_x": ("(x;", "("), "open": ("0.75)", "0.75"), "long": ("2: 0.75", _LONG),
+    "of_many_knots": ("2: 0.75", ", ".join(f"{k}: 1" for k in range(2, 90))), "of_no_name": ("pwl(x", "x(x"),
+    "of_one": (known_ledgers.TABLE, "pwl(x; 0: 0)"), "of_two_signs": ("-2.25", "--2.25"),
+}.items():  # fmt: skip
+    _set(f"table_{_name}", L, M, "no table", *_table(_change))
+
 # --- points
 _set("other_function", V, R, "the curve has another function", (("curves", 0, "functions", 0, 0), "sinh(x)"))
 _set("other_factor", V, R, "the row is not a multiple", (("curves", 0, "functions", 0, 1), [2, 0]))

@@ -146,11 +146,23 @@ def below() -> Certificate:
     return with_proof(content)
 
 
+TABLE = "pwl(x; -1.5: -2.25, -0.5: -0.25, 0: 0, 0.5: 0, 1.25: 0.75, 2: 0.75)"  # slopes 2, 1/2, 0, 1, 0
+
+
+def lookup() -> Certificate:
+    """Two tanks whose outflow is a table: steep on one side, at rest about 0, and flat far out."""
+    model = model_object([(TABLE, None, [[-1, 0], [1, -1]])], [[-0.5, 0], [0, -0.5]], [[1], [0]], n=2)
+    forms = curve([(TABLE, 1)], ((0, 1), "nondecreasing", {"upper": (1, 0)}), ((2, -1), "nondecreasing"))
+    points = [point(0, {i: 1}, [i], [0]) for i in range(2)]
+    facts = [("value", i, 0, 1) for i in range(2)]
+    return solved(Sketch(model, [forms], points, facts, "rate-and-gain", Fraction(1, 8)))
+
+
 OWN: dict[str, Callable[[], Certificate]] = {
     made.__name__: made
     for made in (
         spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below,
-        *known_steps.MAKERS,
+        lookup, *known_steps.MAKERS,
     )
 }  # fmt: skip
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))

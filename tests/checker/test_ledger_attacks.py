@@ -64,6 +64,7 @@ def test_all_mutants_of_all_ledgers() -> None:
 SCALARS = (
     "x**3", "sinh(x)", "tanh(x)", "arctan(x)", "sat(x)", "deadzone(x)", "relu(x)", "sin(x)", "softsign(x)", "x*abs(x)",
     "expm1(x)", "erf(x)", "x**3-3*x**2+2.5*x", "arcsinh(x)", "x**5", "softplus(x)-0.6931471805599453", "cos(x)-1",
+    "pwl(x; -1.1: -1, -0.3: 0, 0.3: 0, 1: 2)", "pwl(x; -2: -1, -0.7: -1.5, 0: 0, 0.1: 0.3, 3: 0.3)",
 )  # fmt: skip
 
 

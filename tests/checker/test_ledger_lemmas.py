@@ -17,6 +17,7 @@ FUNCTIONS = (
     "x**3", "sinh(x)", "tanh(x)", "arctan(x)", "sat(x)", "deadzone(x)", "relu(x)", "sin(x)", "softsign(x)", "x*abs(x)",
     "expm1(x)", "erf(x)", "softplus(x)", "x**3-3*x**2+2.5*x", "abs(x)", "cos(x)", "x**2", "arcsinh(x)", "x**5",
     "exp(x)", "x/(1+x**2)", "relu(x-1)", "tanh(x+1)", "sin(3*x)",
+    "pwl(x; -1.1: -1, -0.3: 0, 0.3: 0, 1: 2)", "pwl(x; -2: -1, -0.7: -1.5, 0: 0, 0.1: 0.3, 3: 0.3)",
 )  # fmt: skip
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset", "upper")
 EPSILON = 1e-9

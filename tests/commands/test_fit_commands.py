@@ -23,6 +23,14 @@ def test_identify_writes_the_model(here: Path, capsys: pytest.CaptureFixture[str
     assert "d(x1)/dt = " in capsys.readouterr().out
 
 
+def test_tables_stand_among_functions_on_the_command_line(here: Path) -> None:
+    """The commas and semicolons of a table do not end it; those outside still part functions and states."""
+    table = "pwl(x; -1: -2, 0: 0, 1: 0.5)"
+    assert cli.main([*IDENTIFY, "--ridge", "0.01", "--functions", f"x, {table}; x, tanh(x)"]) == 0
+    model = ps.load_model("m.json")
+    assert [f.text for term in model.terms for f in term.f] == [table, "tanh(x)"]
+
+
 BROKEN = {
     "missing column": ("t,x1,u\n0,1,0\n1,2,0\n", "there is no column 'x2'"),
     "repeated time": ("t,x1,x2,u\n0,1,1,0\n0,2,2,0\n1,2,2,0\n", "row 3, column 't': time 0.0 is repeated"),

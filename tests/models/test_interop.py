@@ -14,6 +14,7 @@ WORDS = (
     "sqrt(1 + x**2) - 1", "abs(x)", "exp(x) - 1", "log1p(x**2)", "expm1(x)", "sin(x)", "cos(2*x)", "tan(x/4)",
     "sinh(x)", "cosh(x)", "tanh(x)", "arcsinh(x)", "arctan(x)", "erf(x)", "softsign(x)", "softplus(x)", "relu(x)",
     "deadzone(2*x)", "sat(2*x)", "-x**3/(1 + x**2)", "x + (1 + x**2)**-1.5", "x**6 - 0.1",
+    "pwl(x; -0.9: -1, -0.3: 0.25, 0.7: 0.5, 1.1: -2)",
 )  # fmt: skip
 X, U = np.array([0.3, -1.2, 0.7]), np.array([1.0, 2.0])
 

@@ -4,12 +4,14 @@ The search is here. Pieces are bisected until the checker's own evaluation of a 
 ends the search.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 
 from persid_check.enclosure import UndefinedError, between, value
+from persid_check.expression import kinks
 from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, variable
 
 GERMS = tuple(Fraction(2) ** k for k in (20, 8, 6, 4, 3, 2, 1, 0, -1, -2, -3, -4, -6, -8, -12, -18, -24))
@@ -64,7 +66,8 @@ def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fractio
     for count in (32, 128, 512, 2048):
         left = [low - d for d in _distances(low - ends[0], count)]
         right = [high + d for d in _distances(ends[1] - high, count)]
-        cuts = (*left[::-1], *((low,) if low == high else ()), *right)
+        hinges = (t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high)
+        cuts = tuple(sorted({*left, *((low,) if low == high else ()), *right, *hinges}))
         if lemma.unproved(cuts, domain) is None:
             return cuts
     return None
@@ -116,7 +119,7 @@ def _bisected(lemma: Lemma, a: Fraction, b: Fraction) -> list[Fraction] | None:
     if a >= b:
         return [a]
     cuts, pieces = [a], [(a, b)]
-    pieces = [*_powers(a, b)][::-1]
+    pieces = [*_powers(a, b, _hinges(lemma.functions))][::-1]
     while pieces:
         lo, hi = pieces.pop()
         if lemma.holds_on(lo, hi):
@@ -129,11 +132,16 @@ def _bisected(lemma: Lemma, a: Fraction, b: Fraction) -> list[Fraction] | None:
     return cuts
 
 
-def _powers(a: Fraction, b: Fraction) -> list[tuple[Fraction, Fraction]]:
-    """Cut [a, b] at powers of two, where kinks like to be."""
-    inner = [s * Fraction(2) ** k for k in range(-4, 21) for s in (1, -1)]
-    cuts = [a, *sorted(c for c in inner if a < c < b), b]
-    return list(pairwise(cuts))
+def _powers(a: Fraction, b: Fraction, hinges: Sequence[Fraction]) -> list[tuple[Fraction, Fraction]]:
+    """Cut [a, b] at hinges and at powers of two, where other kinks like to be."""
+    inner = [*hinges, *(s * Fraction(2) ** k for k in range(-4, 21) for s in (1, -1))]
+    return list(pairwise(sorted({a, *(c for c in inner if a < c < b), b})))
+
+
+def _hinges(functions: Functions) -> list[Fraction]:
+    """Return where hinges lie; a cut is a dyadic, so one that is none is left to bisection."""
+    found = (t / alpha for program, alpha in functions for t in kinks(program))
+    return [t for t in found if t.denominator & (t.denominator - 1) == 0]
 
 
 def cuts_of_continuity(functions: Functions, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:

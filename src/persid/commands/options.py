@@ -66,14 +66,19 @@ class Delays(ParamType):
         return found
 
 
+def split_outside(text: str, mark: str) -> list[str]:
+    """Split a text at a mark that stands in no parentheses."""
+    return re.split(rf"{mark}(?![^(]*\))", text)
+
+
 class Functions(ParamType):
     """Expressions separated by commas; with semicolons, one such list for each state."""
 
     name = "list"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Split at semicolons, then at commas."""
-        lists = [[part.strip() for part in one.split(",")] for one in value.split(";")]
+        """Split at semicolons, then at commas, but not within parentheses: a table holds both."""
+        lists = [[part.strip() for part in split_outside(one, ",")] for one in split_outside(value, ";")]
         if not all(part for one in lists for part in one):
             self.fail(f'{value!r} holds an empty expression; write, for example, "x,x**3,tanh(x)"', param, ctx)
         return lists if len(lists) > 1 else lists[0]

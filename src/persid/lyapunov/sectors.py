@@ -315,6 +315,8 @@ def _slopes(text: str) -> tuple[float, float]:
     A shift is taken off first: it changes no slope, and samples are dense about 0.
     """
     f = scalar_function(text).unshifted[0]
+    if f.table is not None:
+        return _rounded(float(f.table.slopes.min()), np.floor), _rounded(float(f.table.slopes.max()), np.ceil)
     y = np.concatenate([[0.0], np.geomspace(1e-4, 1e8, FINE_SAMPLES)])
     with np.errstate(all="ignore"):
         found = f.derivative(np.concatenate([-y, y]))
@@ -326,6 +328,11 @@ def _outward(slope: float, rounding: np.ufunc) -> float:
     nearest = round(slope) if np.isfinite(slope) and abs(slope) < STEEP else np.inf
     if abs(nearest) == np.inf or abs(slope - nearest) < NEAR_INTEGER:
         return float(nearest)
+    return _rounded(slope, rounding)
+
+
+def _rounded(slope: float, rounding: np.ufunc) -> float:
+    """Round outwards to a short number; one that is short stays as it is."""
     return float(rounding(slope / ROUNDING) * ROUNDING)
 
 

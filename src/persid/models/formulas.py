@@ -11,6 +11,7 @@ from persid.models.functions import ScalarFunction
 from persid.models.output_equation import OutputEquation
 from persid.models.vector_field import VectorField
 
+_TABLE = re.compile(r"pwl\(x;([^)]*)\)")
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d{7,}(?:[eE][+-]?\d+)?")  # what nobody typed, such as a neuron's shift
 
 
@@ -84,7 +85,7 @@ def _products(field: VectorField, i: int, form: str, digits: int) -> list[tuple[
 
 def _is_sum(f: ScalarFunction) -> bool:
     """Whether a factor before this function would belong to its first term alone."""
-    return f.program[-1].name in ("+", "-", "neg")
+    return f.table is None and f.program[-1].name in ("+", "-", "neg")
 
 
 def _bracketed(body: str, latex: bool) -> str:
@@ -123,6 +124,7 @@ def _scaled(weight: float, body: str, latex: bool) -> str:
 
 
 def _substitute(text: str, argument: str, digits: int) -> str:
+    text = _TABLE.sub(lambda table: f"pwl{table[1].count(':')}(x)", text)  # a table by the number of its knots
     text = _NUMBER.sub(lambda number: f"{float(number.group()):.{digits}g}", text)
     simple = re.fullmatch(r"\w+", argument)
     inside = re.fullmatch(r"\w+\(x\)", text)

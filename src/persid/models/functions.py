@@ -14,6 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import ModelError
+from persid.models.lookup_tables import LookupTable, read_table
 from persid_check.expression import ExpressionError, Instruction, Program, parse
 
 _Unary = Callable[[ndarray], ndarray]
@@ -201,6 +202,11 @@ class ScalarFunction:
     def __post_init__(self) -> None:
         _ = self.program
 
+    @cached_property
+    def table(self) -> LookupTable | None:
+        """The knots and values, where the function is a table; else None."""
+        return read_table(self.text)
+
     def __reduce__(self) -> tuple[Callable[[str], "ScalarFunction"], tuple[str]]:
         return scalar_function, (
             self.text,
@@ -210,6 +216,8 @@ class ScalarFunction:
     def on_arrays(self) -> _Unary:
         """The function as a plain callable on arrays of at least one dimension, for inner loops."""
         step = self._only_step
+        if self.table is not None:
+            return self.table.value
         if step is not None and step.name in _FUNCTIONS:
             return _FUNCTIONS[step.name][0]
         if step is not None and step.name == "**":
@@ -227,6 +235,8 @@ class ScalarFunction:
 
     def derivative(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
         """Return f'(y), elementwise; at a kink, the derivative on the right."""
+        if self.table is not None:
+            return _on_arrays(self.table.derivative, y)
         return _on_arrays(lambda z: _pair(self.program, z)[1], y)
 
     def antiderivative(self, y: Float[ndarray, "..."] | float) -> Float[ndarray, "..."]:
@@ -235,6 +245,8 @@ class ScalarFunction:
 
     def _antiderivative(self, y: ndarray) -> ndarray:
         step = self._only_step
+        if self.table is not None:
+            return self.table.antiderivative(y)
         if len(self.program) == 1:
             return 0.5 * y**2 if self.is_linear else self.value(y) * y
         if step is not None and step.name == "**" and step.value is not None and step.value > 0:
@@ -261,7 +273,9 @@ class ScalarFunction:
         return len(self.program) == 1 and self.program[0].name == "x"
 
     def latex(self, variable: str = "x") -> str:
-        """Return LaTeX of f with the given name of its variable."""
+        """Return LaTeX of f with the given name of its variable; of a table, the number of its knots."""
+        if self.table is not None:
+            return rf"\operatorname{{pwl}}_{{{len(self.table.knots)}}}\left({variable}\right)"
         return _latex(self.program, variable)
 
 

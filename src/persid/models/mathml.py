@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Int
 from numpy import ndarray
 
+from persid.models.functions import ScalarFunction
 from persid.models.model import PersidskiiModel
 from persid_check.expression import Program
 
@@ -58,7 +59,7 @@ def _products(model: PersidskiiModel, i: int) -> list[tuple[float, str]]:
     linear = zip(channels.A0[i], model.states, model.x_ref, strict=True)
     found = [(float(a), _shifted(name, float(r))) for a, name, r in linear]
     for a, row, f in zip(channels.columns[i], channels.rows, channels.functions, strict=True):
-        found.append((float(a), _function(f.program, _argument(model, row)) if a else ""))
+        found.append((float(a), _of(f, _argument(model, row)) if a else ""))
     forced = zip(model.B[i], model.inputs, model.u_ref, strict=True)
     found += [(float(a), _shifted(name, float(r))) for a, name, r in forced]
     return [(a, what) for a, what in [*found, (float(model.field.b[i]), "")] if a != 0]
@@ -111,6 +112,12 @@ def _scaled(weight: float, body: str) -> str:
     if inverse > 1 and np.isclose(inverse, round(inverse)):
         return body + _OVER + _number(inverse)
     return _number(weight) + _TIMES + body
+
+
+def _of(f: ScalarFunction, argument: tuple[str, int]) -> str:
+    if f.table is None:
+        return _function(f.program, argument)
+    return f"<msub><mi>pwl</mi><mn>{len(f.table.knots)}</mn></msub>{_APPLY}{_bracketed(argument[0])}"
 
 
 def _function(program: Program, argument: tuple[str, int]) -> str:

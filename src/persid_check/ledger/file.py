@@ -8,7 +8,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
-from persid_check.expression import ExpressionError, Program, parse
+from persid_check.expression import MAX_LENGTH_WITH_TABLES, ExpressionError, Program, parse
 from persid_check.ledger import FORMAT
 from persid_check.ledger.lemmas import Cuts, positions
 from persid_check.ledger.values import (
@@ -170,7 +170,7 @@ def _curve(where: str, value: Any) -> Curve:
 def _function(where: str, value: Any) -> tuple[Program, Fraction]:
     text, alpha = read_list(where, value, 2)
     try:
-        program = parse(read_text(where, text, 1000))
+        program = parse(read_text(where, text, MAX_LENGTH_WITH_TABLES))
     except ExpressionError as error:
         raise FormatError(where, str(error)) from None
     scale = read_dyadic(where, alpha)

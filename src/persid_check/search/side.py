@@ -11,7 +11,7 @@ from flint import arb, fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, Expansion, Horizon
-from persid_check.expression import Program, work_of
+from persid_check.expression import Program, kinks, work_of
 from persid_check.search.series import LOCAL, Series, least, somewhere, variable
 from persid_check.work import spend
 
@@ -42,6 +42,12 @@ class Side:
     def steps(self) -> int:
         """The work of one evaluation."""
         return sum((work_of(program) for program, _ in self.curve), 1)
+
+    @cached_property
+    def kinks(self) -> tuple[Fraction, ...]:
+        """Where hinges of the functions lie, if y* is the middle of its ball."""
+        center = (self.shift or (_ZERO, _ZERO))[0]
+        return tuple(self.sign * (y / alpha - center) for program, alpha in self.curve for y in kinks(program))
 
     def on(self, t: Interval) -> tuple[Interval, Interval]:
         """Return enclosures of G and of its derivative D over an interval of t."""
@@ -207,7 +213,7 @@ class Proof:
 
     def _between(self, start: Fraction, last: Fraction) -> bool:
         """Bisect [start, last]; the expression needs no proof at t = 0 itself."""
-        pieces = _powers(start, last)
+        pieces = _cut(start, last, self.side.kinks)
         least = (last - start) * FINEST
         while pieces:
             a, b = pieces.pop()
@@ -283,11 +289,11 @@ class DisprovedError(Exception):
     """The property is false."""
 
 
-def _powers(start: Fraction, last: Fraction) -> list[tuple[Fraction, Fraction]]:
-    """Intervals from start to last, cut at powers of two where kinks like to be; the first one is last in the list."""
+def _cut(start: Fraction, last: Fraction, kinks: Sequence[Fraction]) -> list[tuple[Fraction, Fraction]]:
+    """Intervals from start to last, cut at kinks and at powers of two; the first one is last in the list."""
     if start >= last:
         return []
     cuts = [start, *(c for k in range(-24, 22) if start < (c := Fraction(2) ** k) < last), last]
     if start == 0:
         cuts = [c for c in cuts if c == 0 or c >= min(last, Fraction(1, 4))]
-    return list(pairwise(cuts))[::-1]
+    return list(pairwise(sorted({*cuts, *(t for t in kinks if start < t < last)})))[::-1]
