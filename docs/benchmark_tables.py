@@ -2,7 +2,8 @@
 
 The line `<!-- results -->` of docs/benchmarks.md is replaced: a section a file, single values in one table, lists of
 records in one table each, longer ones folded; pictures of docs/images/benchmarks/ come first. The line
-`<!-- public benchmarks -->` of docs/outputs.md becomes the errors on public benchmarks beside published ones.
+`<!-- public benchmarks -->` of docs/outputs.md becomes the errors on public benchmarks beside published ones, and
+`<!-- published problems -->` of docs/published.md the figures on published problems.
 """
 
 import json
@@ -12,7 +13,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PICTURES = ROOT / "benchmarks" / "results", ROOT / "docs" / "images" / "benchmarks"
-MARK, PUBLIC = "<!-- results -->", "<!-- public benchmarks -->"
+MARK, PUBLIC, PUBLISHED = "<!-- results -->", "<!-- public benchmarks -->", "<!-- published problems -->"
 MOST_ROWS = 60  # of a table; the file has all
 OPEN_ROWS = 12  # of a table that is not folded
 LONGEST = 60  # characters of a cell
@@ -20,7 +21,7 @@ LONGEST = 60  # characters of a cell
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Fill the page: a hook of MkDocs."""
-    for mark, made in ((MARK, results), (PUBLIC, public)):
+    for mark, made in ((MARK, results), (PUBLIC, public), (PUBLISHED, published)):
         markdown = markdown.replace(mark, made()) if mark in markdown else markdown
     return markdown
 
@@ -30,6 +31,24 @@ def public(folder: Path = RESULTS) -> str:
     content = json.loads((folder / "public.json").read_text(encoding="utf-8"))
     names = dict.fromkeys(row["benchmark"] for row in content["rows"])
     return "\n\n".join(_compared(name, content) for name in sorted(names))
+
+
+def published(folder: Path = RESULTS) -> str:
+    """Return a table for every kind of figure on published problems."""
+    rows = json.loads((folder / "published.json").read_text(encoding="utf-8"))["rows"]
+    parts = []
+    for what in dict.fromkeys(row["what"] for row in rows):
+        chosen = [
+            {
+                "problem": row["problem"], "before": row["before"], "persid now": row["now"],
+                **{key: row[key] for key in ("published", "truth", "seconds", "source")},
+            }
+            for row in rows
+            if row["what"] == what
+        ]  # fmt: skip
+        used = [key for key in chosen[0] if any(row[key] is not None for row in chosen)]
+        parts.append(f"**{what[0].upper()}{what[1:]}**\n\n{table([{key: row[key] for key in used} for row in chosen])}")
+    return "\n\n".join(parts)
 
 
 def _compared(name: str, content: dict[str, Any]) -> str:

@@ -36,7 +36,7 @@ def main() -> Figure:
         print("edmd:", str(error).split(": the eigenvalue")[0])
     fit = ps.PersidskiiIdentifier(["x", "tanh(x)"], time="discrete", stride=1).fit(data)
     print(fit.equations(digits=2))
-    found = ps.certify(fit.model_, incremental=True).certificate
+    found = ps.certify(fit.model_, claim="incremental").certificate
     print(f"rate {found.rate:.2f} 1/s, each step leaves {found.contraction:.2f}, gain {found.gain:.1f}")
     free, bound = fit.model_.simulate(new.x[0], new.t, new.u)[0].x, ps.free_run_bound(found, new)
     error, proved = (np.sqrt((part**2).mean()) for part in (free - new.x, bound))

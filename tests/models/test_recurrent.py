@@ -87,7 +87,7 @@ def test_an_unknown_function_is_refused() -> None:
 def test_a_network_is_certified_and_forgets() -> None:
     """A contracting network is certified between any two solutions, without PyTorch or JAX."""
     weights, before = _weights((4,)), set(sys.modules)
-    verdict = ps.certify(ps.from_rnn(weights), incremental=True)
+    verdict = ps.certify(ps.from_rnn(weights), claim="incremental")
     assert verdict.certificate.is_incremental
     assert {"torch", "jax"}.isdisjoint(set(sys.modules) - before)
 
@@ -96,7 +96,7 @@ def test_residuals_bound_the_free_run() -> None:
     """One-step residuals of a plant that is no such model bound the error of the model's free run, in each state."""
     terms = [("tanh(x)", None, 0.2 * np.eye(2))]
     model = ps.PersidskiiModel([[0.5, 0.1], [-0.1, 0.4]], terms, [[1.0], [0.0]], time="discrete", dt=0.1)
-    certificate = ps.certify(model, incremental=True).certificate
+    certificate = ps.certify(model, claim="incremental").certificate
     rng, x, states = np.random.default_rng(0), np.zeros(2), []
     u = rng.normal(size=(200, 1))
     for k in range(200):
@@ -109,13 +109,11 @@ def test_residuals_bound_the_free_run() -> None:
     assert bound[0].tolist() == [0.0, 0.0]
     assert bound.max() < 0.4
     field = ps.certify(ps.PersidskiiModel([[-1.0]], (), [[1.0]])).certificate
-    with pytest.raises(PersidError, match="incremental=True"):
+    with pytest.raises(PersidError, match='claim="incremental"'):
         ps.free_run_bound(field, run)
 
 
-def test_pairs_are_asked_of_models_in_discrete_time() -> None:
-    """incremental=True is refused in continuous time and in a region."""
-    asked = ((ps.PersidskiiModel([[-1.0]]), {}), (ps.from_rnn(_weights((2,))), {"domain": [[-1.0, 1.0]] * 2}))
-    for model, more in asked:
-        with pytest.raises(ModelError, match="discrete time"):
-            ps.certify(model, incremental=True, **more)
+def test_pairs_are_asked_about_all_states() -> None:
+    """claim="incremental" is refused in a region."""
+    with pytest.raises(ModelError, match="all states"):
+        ps.certify(ps.from_rnn(_weights((2,))), claim="incremental", domain=[[-1.0, 1.0]] * 2)

@@ -7,13 +7,17 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
-from persid._dyadics import SLACK, _floor, exact
+from persid._dyadics import SLACK, _floor, dyadics, exact
 from persid._dyadics import dyadic as rounded
+from persid._dyadics import rounded as significant
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, heading
 from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
 from persid.certificates.partitions import cuts_of
+from persid.certificates.stability import largest
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point
 from persid.lyapunov.proposals import Proposal
@@ -27,19 +31,22 @@ Strip = tuple[dict[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 
 def prove_facts(
-    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip] = ()
-) -> Certificate:
+    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip] = (), *,
+    each: bool = False,
+) -> Certificate:  # fmt: skip
     """Return the certificate that the checker accepts: of a region where points have domains, else global.
+
+    With `each` every input has a gain of its own.
 
     Raises:
         RejectedError: the checker does not accept it.
         RoundingError: a lemma is not proved, or a matrix is not positive definite in floating point.
     """
-    return Certificate.accept(encode(_content(model, proposal, point, strips)))
+    return Certificate.accept(encode(_content(model, proposal, point, strips, each)))
 
 
 def _content(
-    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip]
+    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip], each: bool
 ) -> dict[str, Any]:
     frame, n = proposal.frame, proposal.frame.n
     regional = any(each.curve.domain is not None for each in frame.points) or bool(strips)
@@ -71,10 +78,10 @@ def _content(
         "outputs": [],
         "proof": {"P": [], "M": [], "V": None},
     }
-    return with_proof(draft | _numbers(draft, regional))
+    return with_proof(draft | _numbers(draft, regional, each))
 
 
-def _numbers(draft: dict[str, Any], regional: bool) -> dict[str, Any]:
+def _numbers(draft: dict[str, Any], regional: bool, each: bool) -> dict[str, Any]:
     """Return gamma, p, and for a region the level and the bound of the inputs, that the matrices just allow."""
     ledger = read_ledger(draft)
     matrices, n = assemble(ledger), ledger.model.n
@@ -82,26 +89,31 @@ def _numbers(draft: dict[str, Any], regional: bool) -> dict[str, Any]:
     M, Pt = floats(matrices.M), floats(matrices.Pt)
     kept = [i for i in range(entries) if i not in set(ledger.dropped)]
     side, inner = M[np.ix_(kept, range(entries, len(M)))], M[np.ix_(kept, kept)]
-    gamma = 1.0
-    if side.shape[1]:
-        scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        scaled = scale[:, None] * side
-        gamma = -_floor(
-            -max(
-                float(np.linalg.eigvalsh(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled))[-1]), 1e-30
-            )
-        )
-    found = {"gamma": rounded(gamma), "p": rounded(_floor(float(np.linalg.eigvalsh(Pt)[0])))}
+    scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    scaled = scale[:, None] * side
+    stored, largest = _gamma(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled), each)
+    found = {"gamma": stored, "p": rounded(_floor(float(np.linalg.eigvalsh(Pt)[0])))}
     if not regional:
-        return found if ledger.kappa else {"gamma": rounded(gamma)}
+        return found if ledger.kappa else {"gamma": stored}
     inverse, level = np.linalg.inv(Pt), np.inf
     for row, lo, hi in _sides(ledger):
         r = np.zeros(n)
         r[list(row)] = [float(v) for v in row.values()]
         level = min(level, float(min(-lo, hi)) ** 2 / float(r @ inverse @ r))
     level *= 1 - SLACK / 64
-    bound = _floor(float(np.sqrt(float(ledger.kappa) * level / gamma)))
+    bound = _floor(float(np.sqrt(float(ledger.kappa) * level / largest)))
     return found | {"level": rounded(level, 40), "input_bound": rounded(bound)}
+
+
+def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[Any, float]:
+    """Return Gamma a little above the least one, gamma I or a matrix, as a file has it, and its largest eigenvalue."""
+    if each and len(least):
+        sizes = np.diag(least)
+        above = least + np.diag(SLACK * np.maximum(sizes, 1e-18 * sizes.max(initial=0.0) or 1e-18))
+        Gamma = significant((above + above.T) / 2)
+        return {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}, largest(Gamma)
+    gamma = -_floor(-max(float(np.linalg.eigvalsh(least)[-1]), 1e-30)) if len(least) else 1.0
+    return rounded(gamma), gamma
 
 
 def _sides(ledger: Any) -> list[Strip]:

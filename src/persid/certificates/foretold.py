@@ -36,7 +36,7 @@ def free_run_bound(certificate: Certificate, run: Trajectory) -> Float[ndarray, 
     model, q = certificate.model, certificate.contraction
     if q is None or not certificate.is_incremental or model.dt is None:
         raise PersidError(
-            "the certificate does not bound two solutions in discrete time; certify with incremental=True"
+            'the certificate does not bound two solutions in discrete time; certify with claim="incremental"'
         )
     refuse_other_steps(run.t, model.dt)
     residuals = run.x[1:] - model.rhs(run.x[:-1], run.u[:-1])

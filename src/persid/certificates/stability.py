@@ -107,7 +107,7 @@ def version_1(
         room = lyapunov.kappa * level - float(lyapunov.s @ [d.epsilon**2 for d in lyapunov.deviations])
         if room <= 0:
             raise RoundingError("the constant part of the deviations drives the state out of the region")
-        bound = _floor(np.sqrt(room / _largest(Gamma)))
+        bound = _floor(np.sqrt(room / largest(Gamma)))
         content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
     content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
     return content
@@ -139,7 +139,7 @@ def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, ndarray, Any]:
     return side / units, push / units / units[:, None], Gamma, stored
 
 
-def _largest(Gamma: ndarray) -> float:
+def largest(Gamma: ndarray) -> float:
     """Return what the checker takes for the largest eigenvalue: (tr Gamma^16)^(1/16); exact for gamma I."""
     if not Gamma.size or np.array_equal(Gamma, Gamma[0, 0] * np.eye(len(Gamma))):
         return float(Gamma[0, 0]) if Gamma.size else 1.0

@@ -47,6 +47,13 @@ if TYPE_CHECKING:
     help="One gain for all inputs together, or one for each input.",
 )
 @click.option(
+    "--claim",
+    type=click.Choice(["strongest", "incremental"]),
+    default="strongest",
+    show_default=True,
+    help="What is to be proved: the strongest that is found about the operating point, or bounds between any two runs.",
+)
+@click.option(
     "--device",
     default="cpu",
     show_default=True,
@@ -72,7 +79,7 @@ if TYPE_CHECKING:
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
-    rate: float | None, gains: str, device: str, plants: Path | None, plant: tuple[Path, ...], hold: str,
+    rate: float | None, gains: str, claim: str, device: str, plants: Path | None, plant: tuple[Path, ...], hold: str,
     explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
@@ -95,7 +102,8 @@ def certify(
     targets = _targets(models, output)
     if plant and len(models) > 1:
         raise click.UsageError("--plant goes with one model")
-    asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains, "device": device}
+    asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains, "claim": claim}
+    asked |= {"device": device}
     alone = read_model(models[0]) if len(models) == 1 else None
     beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
     for target in (*targets, *filter(None, beside)):

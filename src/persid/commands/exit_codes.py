@@ -147,6 +147,12 @@ def _best(verdict: "Certified", asked: float | None) -> list[str]:
     return [f"best proved rate {_rate(best)}, with a larger gain (--rate)"] if best > rate else []
 
 
+def _holds_between(verdict: "Certified") -> bool:
+    from persid.certificates.certificate import Certificate
+
+    return isinstance(verdict.certificate, Certificate) and verdict.certificate.is_incremental
+
+
 def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[str, str]]:
     """Return the row of a verdict with its proved numbers; `asked` is the rate in 1/s that was asked for."""
     from persid._text import above
@@ -166,6 +172,7 @@ def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[s
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
         bounds += _best(verdict, asked)
+        bounds += ["these hold between any two runs, too"] * _holds_between(verdict)
         named = named_gains(verdict)
         if len(set(named.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))

@@ -43,12 +43,23 @@ class Unknown:
 class Frame:
     """A model about a point: x' = G zeta over x, the channels of the points, and v, with the points.
 
-    `lone` is 1 where the constant b is one more input.
+    `lone` is 1 where the constant b is one more input. `between` solutions holds what is proved with V = x'P x and
+    products of two nondecreasing forms at one point.
     """
 
     model: Model
     points: tuple[Point, ...]
     lone: bool
+    between: bool = False
+
+    @property
+    def monotone(self) -> "Frame":
+        """The frame with what proves a bound between any two solutions."""
+        points = tuple(
+            replace(point, forms=tuple(form for form in point.forms if form.kind == "nondecreasing"))
+            for point in self.points
+        )
+        return replace(self, points=points, between=True)
 
     @property
     def n(self) -> int:
@@ -98,7 +109,10 @@ class Frame:
 
     def unknowns(self, kappa: Fraction, *, across: bool) -> list[Unknown]:
         """Return P, densities and facts; those of two channels only `across`."""
-        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *(self._across() if across else ())]
+        if self.between:
+            return [*self._quadratic(kappa), *self._values()]
+        joint = self._across() if across else ()
+        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *joint]
 
     def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
         unit = [{i: _ONE} for i in range(self.n)]

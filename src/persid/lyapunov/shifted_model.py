@@ -94,8 +94,8 @@ class Setting:
 
     @property
     def monotone(self) -> "Setting":
-        """The setting with nondecreasing forms alone: what they prove about x* holds between any two solutions."""
-        setting = self
+        """The setting with nondecreasing forms and no densities: what it proves holds between any two solutions."""
+        setting = replace(self, upper={curve: np.full(len(forms), np.nan) for curve, forms in self.pools.items()})
         for curve, forms in self.pools.items():
             rising = nondecreasing_pool(curve) if curve.functions else ()
             for k in reversed([k for k, form in enumerate(forms.tolist()) if tuple(form) not in rising]):

@@ -52,7 +52,7 @@ def from_rnn(weights: Mapping[str, Any], nonlinearity: str = "tanh", dt: float |
 
     Examples:
         >>> model = ps.from_rnn({"weight_ih": [[1.0], [0.0]], "weight_hh": [[0.2, -0.5], [0.4, 0.1]]})
-        >>> ps.certify(model, incremental=True).certificate.is_incremental
+        >>> ps.certify(model, claim="incremental").certificate.is_incremental
         True
     """
     if nonlinearity not in FUNCTIONS:

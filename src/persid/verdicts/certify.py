@@ -31,6 +31,7 @@ from persid.verdicts.margins import MARGIN_STATES, residual_margin
 from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
+CLAIMS = ("strongest", "incremental")  # that may be asked for
 FULL_P_STATES = 50  # a full P is tried up to this many states
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
@@ -45,7 +46,7 @@ def certify(
     domain: Any = "global",
     gains: str = "joint",
     rate: float | int | None = None,
-    incremental: bool = False,
+    claim: str = "strongest",
     time_limit: float | int = 60.0,
     progress: Progress | None = None,
     device: str = "cpu",
@@ -68,8 +69,9 @@ def certify(
         rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
             not proved, the best one that is, which verdict.best_rate tells. The gain is smallest at about half of that
             one: the default. A weighted l1 norm has the rate that it has.
-        incremental: whether the bounds are to hold between any two solutions, of a model in discrete time for all
-            states. Fewer forms prove that, so that gains may be larger; often it holds without being asked for.
+        claim: "strongest" for what is tried above, the strongest first; the sentence of a certificate tells all that it
+            proves. "incremental" for bounds that hold between any two solutions, so that every run forgets its start
+            and each constant input has one equilibrium: fewer forms prove that, so that gains may be larger.
         time_limit: seconds after which the search stops with what it has; with 0 nothing is simulated either.
         progress: is called with a line of text at each step.
         device: where the matrix inequalities are solved: "cpu", with NumPy and SciPy, or a device of PyTorch, such as
@@ -98,8 +100,10 @@ def certify(
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
-    if incremental and (not dynamics.is_discrete or not isinstance(domain, str) or domain != "global"):
-        raise ModelError("incremental=True is for models in discrete time and for all states")
+    if claim not in CLAIMS:
+        raise ModelError(f"claim is one of {', '.join(map(repr, CLAIMS))}, not {claim!r}")
+    if claim == "incremental" and not (isinstance(domain, str) and domain == "global"):
+        raise ModelError('claim="incremental" is about all states; leave domain at "global"')
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
     arrays = arrays_on(device)
@@ -111,9 +115,7 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            asked = _Asked(
-                dynamics, near, u, box, gains == "each", rate, outputs, incremental, arrays, auto=_is_auto(domain)
-            )
+            asked = _Asked(dynamics, near, u, box, gains == "each", rate, outputs, claim, arrays, auto=_is_auto(domain))
             return _decide(asked, log)
     except KeyboardInterrupt:
         if log.best is not None:
@@ -136,7 +138,7 @@ class _Asked:
     each: bool
     rate: float | int | None
     outputs: OutputModel | None = None
-    incremental: bool = False
+    claim: str = "strongest"
     arrays: Arrays = HOST
     auto: bool = False  # a region is asked for, and its bounds are for the search to choose
 
@@ -159,7 +161,7 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
     verdict = None if asked.box is not None else _global(asked, points, log)
     if isinstance(verdict, Certified | Refuted):
         return verdict
-    box = asked.model.domain if asked.box is None and not asked.incremental else asked.box
+    box = asked.model.domain if asked.box is None and asked.claim == "strongest" else asked.box
     regional = verdict if box is None else _regional(asked, points, box, log)
     if isinstance(regional, Certified):
         return regional
@@ -226,7 +228,8 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
     if log.left() <= 0:
         return stopped(Status.TIME)
     setting = Setting.of(asked.model, points[0], arrays=asked.arrays)
-    setting = setting.monotone if asked.incremental else setting
+    if asked.claim == "incremental":
+        return _between_solutions(asked, setting, log)
     forms, ways = partial(_by_forms, asked, setting, log), list[Way]()
     ways.append(forms)
     if not asked.model.is_discrete:  # the others are about derivatives
@@ -247,6 +250,28 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
     return failure
 
 
+def _between_solutions(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
+    """Certify with nondecreasing forms and V = x'P x: what they prove about x* holds between any two solutions."""
+    if not asked.model.is_discrete and asked.outputs is None and asked.model.n <= FACTS_STATES:
+        frame = frame_of(setting).monotone
+        if has_zero_rows(frame):
+            found = _by_facts(asked, setting, frame, log)
+            between = isinstance(found, Failure) or getattr(found.certificate, "is_incremental", False)
+            return found if between else stopped(Status.INFEASIBLE)
+    setting, failure = setting.monotone, stopped(Status.TIME)
+    for kind in _kinds(asked.model):
+        if log.left() <= 0:
+            break
+        with log.attempt(f"any two solutions, {kind} P") as outcome:
+            find = partial(rate_and_gain, full_P=kind == "full", rate=asked.rate, each=asked.each, log=log)
+            answer, setting = settled(setting, find, log, asked.outputs)
+            outcome.append(_word(answer))
+        if isinstance(answer, Certificate) and answer.is_incremental:
+            return _beside_the_best(asked, setting, answer, log)
+        failure = answer if isinstance(answer, Failure) else Failure(Reason.FORM, words.NOT_RISING)
+    return failure
+
+
 def _by_forms(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
     """Certify with products of forms inside each group: a diagonal P, then a full one."""
     failure = stopped(Status.TIME)
@@ -264,7 +289,7 @@ def _by_forms(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
 def _by_facts(asked: _Asked, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
     """Certify with facts across channels, and with rows that are exactly zero."""
     with log.attempt("facts across functions, rows that are zero") as outcome:
-        found, fastest = by_facts(setting, frame, asked.rate, log)
+        found, fastest = by_facts(setting, frame, asked.rate, asked.each, log)
         outcome.append(_word(found))
     return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
 
@@ -360,7 +385,7 @@ def _by_strips(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> C
     failure = Failure(Reason.OUTSIDE, words.NO_POINT)
     for k, point in enumerate(points):
         with log.attempt("region of strips, their widths chosen for its volume") as outcome:
-            answer = by_strips(Setting.of(asked.model, point), log)
+            answer = by_strips(Setting.of(asked.model, point), asked.rate, asked.each, log)
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             return Certified(answer, tuple(log.attempts))

@@ -44,13 +44,13 @@ def has_zero_rows(frame: Frame) -> bool:
 
 
 def by_facts(
-    setting: Setting, frame: Frame, rate: float | int | None, log: Log
+    setting: Setting, frame: Frame, rate: float | int | None, each: bool, log: Log
 ) -> tuple[Certificate | Failure, Certificate | None]:
     """Certify with facts across channels and rows that are exactly zero: with rate and gain, or stability alone.
 
     Returns:
         The certificate, whose gain is small at the rate asked for or at half of the best one, or why there is none; and
-        the certificate of the best rate, where that is another.
+        the certificate of the best rate, where that is another. With `each` every input has a gain of its own.
     """
     frame = replace(frame, points=tuple(map(proved, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
@@ -60,47 +60,53 @@ def by_facts(
     if best is None:
         if stable is None:
             return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE), None
-        return _proved(setting, stable, log), None
+        return _proved(setting, stable, each, log), None
     aim = min(max(best.kappa * Fraction(RATE_SHARE), Fraction(2 * ABOVE * (rate or 0.0))), best.kappa)
     gentle = smallest_gain(
         (feasible(frame, aim, log.left, across=True) if aim < best.kappa else None) or best, log.left
     )
-    found, fastest = _proved(setting, gentle, log), _proved(setting, best, log) if gentle.kappa < best.kappa else None
+    found = _proved(setting, gentle, each, log)
+    fastest = _proved(setting, best, each, log) if gentle.kappa < best.kappa else None
     return found, fastest if isinstance(fastest, Certificate) else None
 
 
-def _proved(setting: Setting, found: Candidate, log: Log) -> Certificate | Failure:
+def _proved(setting: Setting, found: Candidate, each: bool, log: Log) -> Certificate | Failure:
     try:
         log.progress("checking in exact arithmetic")
-        return prove_facts(setting.model, found.proposal(), setting.point)
+        return prove_facts(setting.model, found.proposal(), setting.point, each=each)
     except (RejectedError, RoundingError) as error:
         return Failure(Reason.ROUNDING, str(error))
 
 
-def by_strips(setting: Setting, log: Log) -> Certificate | Failure:
+def by_strips(setting: Setting, rate: float | int | None, each: bool, log: Log) -> Certificate | Failure:
     """Certify the largest region that strips of the functions' own arguments allow, about a stable equilibrium.
 
-    Widths are sought at a rate that costs no volume; then the largest rate is taken that leaves most of the volume.
+    Widths are sought at the rate (1/s) that is asked for, if there is a region then, else at one that costs no volume;
+    then the largest rate is taken that leaves most of the volume.
     """
     J = setting.jacobian
     limit = setting.fastest if np.isfinite(J).all() else 0.0
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     frame, units = frame_of(setting), scaling(setting.system).states
-    kappa = _power_of_two(limit * SLOWEST)
+    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(2 * ABOVE * rate)
     reserve = (1 - SEARCHING) * log.left()
-    search = Search(frame, kappa, of_linearisation(J, units), lambda: log.left() - reserve)
-    best = search.run()
+    search = Search(frame, slowest, of_linearisation(J, units), lambda: log.left() - reserve)
+    best = search.run() if slowest < limit else None
+    if best is None and rate is not None:
+        return by_strips(setting, None, each, log)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     widths = np.array(search.widths)
     points = tuple(proved(point) for point in best.candidate.frame.points)
     frame, within = replace(frame, points=points), search.rows / widths[:, None]
     failure = stopped(Status.INFEASIBLE)
-    for share in (*FASTER, SLOWEST):
-        found = enlarged(frame, _power_of_two(limit * share), within, log.left)
-        if found is not None and (found.volume >= KEPT * best.volume or share == SLOWEST):
-            answer = _proved(setting, found.candidate, log)
+    for kappa in sorted({slowest, *(_power_of_two(limit * share) for share in FASTER)}, reverse=True):
+        if kappa < slowest:
+            break
+        found = enlarged(frame, kappa, within, log.left)
+        if found is not None and (found.volume >= KEPT * best.volume or kappa == slowest):
+            answer = _proved(setting, found.candidate, each, log)
             if isinstance(answer, Certificate):
                 return answer
             failure = answer

@@ -32,12 +32,20 @@ NO_GROWTH = (
     "bounded, or grow on one side only, and no linear part. A region in a box does not need that growth."
 )
 UNPROVED = "Without it the search finds nothing: {}. Simpler functions, or a smaller box, are easier to prove."
+NOT_RISING = (
+    "That a form rises was seen on samples and not proved, so nothing is said of the difference of two solutions."
+)
 NO_DECAY = "The linearisation at the operating point is not exponentially stable."
 NO_STRIPS = "In discrete time a region is certified in a box: domain=[[lo, hi], …]."
 NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."
+NO_MARGIN = (
+    "The margin is zero or close to it. Where a fit left it small, a little more ridge usually decides it. Where the "
+    "decay weakens far out, as with a spring without a linear part or damping by a power, it is zero for every such "
+    'function: ask for a region, domain="auto".'
+)
 STOPPED = {  # why nothing was found where a solver stopped so
     Status.INFEASIBLE: Failure(Reason.NOT_FOUND, TRY),
-    Status.STALLED: Failure(Reason.STALLED, "The margin is close to zero: a little more ridge usually decides it."),
+    Status.STALLED: Failure(Reason.STALLED, NO_MARGIN),
     Status.TIME: Failure(Reason.TIME, "Give more time (time_limit)."),
 }
 

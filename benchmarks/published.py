@@ -1,0 +1,70 @@
+"""Published stability problems: what persid answers now, beside what others have published and what is true.
+
+    OMP_NUM_THREADS=1 python benchmarks/published.py [NAME ...] [-o benchmarks/results/published.json]
+
+Each figure is the better the larger: the largest slope or coupling up to which models are certified for all states
+(bisection to 1 %), the size of a region that is certified with no box given, or the best proved rate. Seconds are those
+of the slowest single question.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import persid as ps
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "tests"))
+
+from published_problems import PUBLISHED, Published  # noqa: E402
+
+
+def asked(problem: Published, time_limit: float) -> dict[str, Any]:
+    """Return the row of a problem."""
+    slowest = 0.0
+
+    def watched(*arguments: Any, **question: Any) -> Any:
+        nonlocal slowest
+        began = time.perf_counter()
+        verdict = certify(*arguments, **question)
+        slowest = max(slowest, time.perf_counter() - began)
+        return verdict
+
+    certify, ps.certify = ps.certify, watched
+    try:
+        figure = problem.largest({"time_limit": time_limit})
+    finally:
+        ps.certify = certify
+    return {
+        "problem": problem.name, "what": problem.unit, "now": figure, "before": problem.before,
+        "published": problem.published, "truth": problem.truth, "seconds": round(slowest, 1), "source": problem.source,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Ask every problem, print its row, and keep all of them where no problem was named."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", help="parts of names; without them every problem")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "benchmarks" / "results" / "published.json")
+    parser.add_argument("--time-limit", type=float, default=60.0)
+    chosen, rows = parser.parse_args(), []
+    for problem in PUBLISHED:
+        if chosen.names and not any(name in problem.name for name in chosen.names):
+            continue
+        row = asked(problem, chosen.time_limit)
+        rows.append(row)
+        beside = "  ".join(f"{key} {row[key]:g}" for key in ("before", "published", "truth") if row[key] is not None)
+        print(
+            f"{row['problem']:50.50s} {row['what']:28s} {row['now']:9.4g}  {row['seconds']:5.1f} s  {beside}",
+            flush=True,
+        )
+    if not chosen.names:
+        content = {"version": ps.__version__, "rows": rows}
+        chosen.output.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

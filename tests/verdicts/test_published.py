@@ -1,0 +1,52 @@
+"""Published stability problems keep their figures: what is proved of them today, and what is not true is not proved."""
+
+import pytest
+
+import persid as ps
+from published_problems import BY_NAME, PUBLISHED, Published, Region, Slope, Stable, volume
+
+QUICK = (
+    "x' = -x - x^3 + u", "spring that hardens, damping .5", "spring that hardens, damping .02", "x' = -sat(x) + u",
+    "van der Pol's oscillator", "Chua's circuit", "Hopfield's network, two neurons",
+    "Goodwin's oscillator below its threshold",
+)  # fmt: skip
+
+
+def holds(problem: Published) -> None:
+    """Assert that a problem's figure is reached, by one question."""
+    match problem:
+        case Slope():
+            assert ps.certify(problem.family(problem.reached)).is_certified
+            if problem.truth is not None:
+                assert not ps.certify(problem.family(1.01 * problem.truth)).is_certified
+        case Region():
+            point = "auto" if problem.near is None else list(problem.near)
+            verdict = ps.certify(problem.model, domain="auto", operating_point=point)
+            assert isinstance(verdict, ps.Certified)
+            assert problem.reached <= volume(verdict.certificate) <= 1.01 * (problem.truth or float("inf"))
+        case Stable(truth=0.0):
+            assert isinstance(ps.certify(problem.model), ps.Refuted)
+        case Stable():
+            verdict = ps.certify(problem.model)
+            assert isinstance(verdict, ps.Certified)
+            assert problem.reached <= (verdict.best_rate or 0.0) <= 1.001 * (problem.truth or float("inf"))
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_quick_published_problems_keep_their_figures(name: str) -> None:
+    """What is asked and answered within a second is a test that always runs."""
+    holds(BY_NAME[name])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [problem.name for problem in PUBLISHED if problem.name not in QUICK])
+def test_published_problems_keep_their_figures(name: str) -> None:
+    """Every other figure is reached, and none is larger than the truth."""
+    holds(BY_NAME[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("problem", PUBLISHED, ids=lambda problem: problem.name)
+def test_figures_are_measured_as_the_table_has_them(problem: Published) -> None:
+    """The search of the table, whole, reaches at least what is asked of it by one question."""
+    assert problem.largest({}) >= problem.reached
