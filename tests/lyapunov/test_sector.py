@@ -119,3 +119,10 @@ def test_factors_scale_slopes() -> None:
     """tanh(3 y) has slopes from 0 to 3; in a group of two functions each keeps its own forms."""
     both = Curve(("tanh(x)", "relu(x)"), (Fraction(3), Fraction(1)))
     assert set(slope_forms(both)) == {(0.0, 1.0, 0.0), (3.0, -1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, -1.0)}
+
+
+@pytest.mark.parametrize("a", [Fraction(2, 3), Fraction(1, 3), Fraction(4827361001986925, 6161173173533018)])
+def test_a_factor_that_is_no_float_is_rounded_outwards(a: Fraction) -> None:
+    """The form a y - tanh(a y) of a group takes the next float above a, so that it is proved whatever a is."""
+    steep = dict((form[-1], form[0]) for form in slope_forms(Curve(("tanh(x)",), (a,))))[-1.0]
+    assert 0 <= Fraction(steep) - a < Fraction(1, 2**52)

@@ -32,21 +32,45 @@ def test_the_multipliers_of_a_fit_are_a_proof(seed: int, activation: str) -> Non
     assert certificate.rate > 0
 
 
+def hardening(fit: StableFit, count: int) -> StableFit:
+    """The fit with s - f(s) in place of its first neurons, written with f."""
+    assert fit.M is not None
+    hard, A1, M = slice(0, count), fit.A1.copy(), fit.M.copy()
+    A1[:, hard] *= -1
+    M[hard] *= -1
+    return replace(
+        fit, A=fit.A + fit.A1[:, hard] @ fit.R[hard], b=fit.b + fit.A1[:, hard] @ fit.beta[hard], A1=A1, M=M,
+        P=np.eye(len(fit.A)) + (fit.R[hard].T * fit.M[hard]) @ fit.R[hard],
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_fit_that_hardens_is_proved_by_the_integral_of_what_hardens(seed: int) -> None:
     """With s - tanh(s) in place of some neurons M is negative there, P grows by as much, and the proof stands."""
-    fit = random_fit(seed, n=2, q=3)
-    assert fit.M is not None
-    hard = slice(0, 1 + seed % 2)
-    A1, M = fit.A1.copy(), fit.M.copy()
-    A1[:, hard] *= -1
-    M[hard] *= -1
-    turned = replace(
-        fit, A=fit.A + fit.A1[:, hard] @ fit.R[hard], b=fit.b + fit.A1[:, hard] @ fit.beta[hard], A1=A1, M=M,
-        P=np.eye(2) + (fit.R[hard].T * fit.M[hard]) @ fit.R[hard],
-    )  # fmt: skip
+    turned = hardening(random_fit(seed, n=2, q=3), 1 + seed % 2)
     assert np.linalg.eigvalsh(turned.inequality()).min() > 0
     assert decided(turned).claim == "rate-and-gain"
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_neurons_whose_rows_are_multiples_of_one_are_proved_together(seed: int) -> None:
+    """Of one state all rows are multiples of each other: neurons of one group keep multipliers of their own."""
+    turned = hardening(random_fit(seed, n=1, q=1 + seed % 4, densities=seed % 3 > 0), seed % 2)
+    assert len(certify_fit(turned, ps.OutputModel.from_fit(turned), time_limit=0.0).attempts) == 1
+    assert decided(turned).claim == "rate-and-gain"
+
+
+def test_a_neuron_without_effect_has_no_place_in_the_proof() -> None:
+    """Where a column of A1 is zero the others' multipliers are the proof."""
+    fit = random_fit(3, n=2, q=3)
+    A1 = fit.A1.copy()
+    A1[:, 1] = 0.0
+    assert fit.M is not None
+    assert fit.T is not None
+    still = replace(fit, A1=A1)
+    kept = replace(fit, R=fit.R[[0, 2]], beta=fit.beta[[0, 2]], A1=fit.A1[:, [0, 2]], M=fit.M[[0, 2]], T=fit.T[[0, 2]])
+    assert np.linalg.eigvalsh(kept.inequality()).min() > 0
+    assert decided(still).claim == "rate-and-gain"
 
 
 @pytest.mark.long

@@ -242,11 +242,14 @@ def floats(M: Matrix) -> np.ndarray:
 def _dyadic_row(
     row: dict[int, Fraction], alphas: list[Fraction]
 ) -> tuple[Fraction, dict[int, Fraction], list[Fraction]]:
-    """Return k, r/k and the factors times k, all dyadic: r/k is r itself where it can be."""
+    """Return k, r/k and the factors times k, all dyadic: r/k is r itself where it can be, else k is nearly 1.
+
+    The cuts of lemmas lie about 1, where functions of arguments of the size of r'x bend.
+    """
     if all(alpha.denominator & (alpha.denominator - 1) == 0 for alpha in alphas) or not row:
         return Fraction(1), row, alphas
     common = gcd(*(value.numerator for value in row.values()))
-    k = Fraction(common)
+    k = Fraction(common, 1 << common.bit_length())
     return k, {i: value / k for i, value in row.items()}, [alpha * k for alpha in alphas]
 
 

@@ -290,17 +290,23 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return f_j - s y and S y - f_j for functions whose slopes are proved to lie in [s, S], on all of R.
 
     Facets have to be relaxed to be proved. These are not: a neuron tanh(x + b) keeps its sector from 0 to 1, and where
-    a model leaves little room that decides.
+    a model leaves little room that decides. In a group the slopes of f_j(a y) are a times those of f_j, rounded outwards.
     """
     found = []
     for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
         for slope, sign in zip(_slopes(text), (1.0, -1.0), strict=True):
-            form = (0.0 - sign * slope * float(factor), sign)
-            if np.isfinite(slope) and prove_nondecreasing(
-                ((scalar_function(text).program, factor),), [Fraction(c) for c in form]
-            ):
+            if not np.isfinite(slope):
+                continue
+            form = (_above(-Fraction(sign * slope) * factor), sign)
+            if prove_nondecreasing(((scalar_function(text).program, factor),), [Fraction(c) for c in form]):
                 found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
     return tuple(found)
+
+
+def _above(number: Fraction) -> float:
+    """Return the least float that is no less."""
+    nearest = float(number)
+    return nearest if Fraction(nearest) >= number else float(np.nextafter(nearest, np.inf))
 
 
 def steepest(text: str) -> float:

@@ -121,16 +121,22 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
 
 
 def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) -> tuple[Chosen, ...] | None:
-    """Return the fit's multipliers, group by group; None where two neurons share a row, or one has no effect."""
+    """Return the fit's multipliers, group by group; None where a neuron's slope is not proved to lie in [0, 1].
+
+    Neurons whose rows are multiples a r of one row r stand in one group: w_c and a r'z - w_c are its forms, and
+    M int w_c of a r'z is that of the form with M a. A neuron without effect has no place, nor has its M or T.
+    """
     found = []
     for group in setting.found:
-        forms = np.array(slope_forms(group.curve))
-        if len(group.channels) != 1 or forms.shape != (2, 2):
+        count = len(group.channels)
+        forms = np.array(slope_forms(group.curve)).reshape(-1, 1 + count)
+        if len(forms) != 2 * count:
             return None
-        c = group.channels[0]
-        tau = float(rounded(T[c : c + 1])[0])
-        mu = rounded(np.array([max(M[c], 0.0), max(-M[c], 0.0)]))
-        found.append(Chosen(forms, mu, np.ones(2), np.zeros(2), ((0, 1, tau),)))
+        channels = list(group.channels)
+        per_row = M[channels] * [float(factor) for factor in group.curve.factors]
+        mu = np.stack([np.maximum(per_row, 0.0), np.maximum(-per_row, 0.0)], 1).ravel()
+        pairs = tuple((2 * j, 2 * j + 1, float(tau)) for j, tau in enumerate(rounded(T[channels])))
+        found.append(Chosen(forms, rounded(mu), np.ones(2 * count), np.zeros(2 * count), pairs))
     return tuple(found)
 
 
