@@ -191,6 +191,33 @@ def test_other_activations_and_holds_are_certified(activation, hold):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("seeds", "stiffness", "options"),
+    [
+        (10, 1.0, {}),
+        (10, -0.5, {}),  # hardens
+        (3, 1.0, {"output": "abs"}),
+        (3, 1.0, {"max_output_gain": 0.3}),
+        (3, -0.5, {"min_rate": 0.3, "max_output_gain": 0.5}),
+        (3, -0.5, {"measured": ["y1"], "feedthrough": "auto"}),
+    ],
+)
+def test_every_seed_and_every_refit_is_certified_by_its_own_proof(seeds, stiffness, options):
+    """Ten random starts, and a warm start from each on other records, need no search for their certificates."""
+    plant = ps.PersidskiiModel([[-1.0]], [("tanh(x)", [[1.0]], [[-stiffness]])], [[2.0]])
+    first, then = (runs(plant, [[1.0]], 0.1, 80, 1, seed=seed) for seed in (0, 1))
+    if "output" in options:
+        first, then = (ps.Trajectories.from_arrays([abs(run.x)], [run.u], dt=0.1) for (run,) in (first, then))
+    for seed in range(seeds):
+        given = {"feedthrough": False, "seeds": 1, "time_limit": 0, "random_state": seed, **options}
+        fit = OutputIdentifier(order=1, neurons=2, **given).fit(first)
+        again = OutputIdentifier(warm_start=fit.model_, **given).fit(then)
+        for one in (fit, again):
+            assert [attempt.outcome[:9] for attempt in one.verdict_.attempts] == ["certified"]
+            assert not [said for said in one.report_.remarks if "asked for" in said and "kept" not in said]
+
+
+@pytest.mark.long
 def test_a_warm_start_continues_from_the_fit_before():
     """A warm start keeps order, neurons and proof, tells the earlier model's error on new records, and lowers it."""
     spring = [("tanh(x)", [[1.0]], [[-1.0]])]

@@ -9,6 +9,7 @@ from numpy import ndarray
 
 KEPT = 1 - 1e-3  # of S, for Delta'Delta: what is left is the margin that survives rounding
 TINY, NEAR = 1e-12, 1 - 1e-6  # least density M, of the largest; norm of U at most
+REGULAR = 1e-6  # least eigenvalue of S with unit diagonal: a share 1 - KEPT of it still survives rounding
 SLACK = 1e-4  # of |A|: the multiple of the unit matrix that A gives away
 
 
@@ -84,7 +85,8 @@ def proved(shape: Shape, v: Float[ndarray, "K p"]) -> tuple[Proved, Float[ndarra
     dS = 2 * _diagonal(dT) + _twice_symmetric(dY)
     valid = np.isfinite(S).all((1, 2)) & np.isfinite(dS).all((1, 2, 3))
     S = np.where(valid[:, None, None], S, np.eye(q))
-    valid &= np.linalg.eigvalsh(S)[:, 0] > 1e-12 * np.abs(S).max((1, 2))
+    unit = 1 / np.sqrt(np.maximum(np.einsum("kii->ki", S), 1e-300))
+    valid &= np.linalg.eigvalsh(unit[:, :, None] * S * unit[:, None])[:, 0] > REGULAR
     S = np.where(valid[:, None, None], S, np.eye(q))
 
     # chol: d(low) = low Phi(low^-1 dS low^-T), Phi the lower triangle with half of the diagonal
