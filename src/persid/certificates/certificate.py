@@ -132,6 +132,16 @@ class Certificate:
         return np.array([bounds.above(ball) for ball in seen.gains(self.stated)]) if self.outputs else None
 
     @property
+    def feedback_margins(self) -> Float[ndarray, " l"] | None:
+        """How strong an unmodelled feedback from one output alone may be: 1/gain of each output, rounded down.
+
+        With u - u* = v + w and |w| <= a sup|y_i - y_i*| so far (or the same for roots of integrals of squares), inputs
+        and outputs stay bounded for bounded v where a is smaller; of several outputs at once, where the sum of a_i over
+        its margin is below 1. In units of the inputs over those of the output; None where this is not proved.
+        """
+        return seen.feedback_margins(self.stated) if "feedback" in self.further else None
+
+    @property
     def is_incremental(self) -> bool:
         """Whether the bounds hold between any two solutions, so that every simulation forgets its start."""
         return "incremental" in self.further

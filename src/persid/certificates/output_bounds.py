@@ -21,6 +21,12 @@ def gains(claim: Claim) -> list[arb]:
         return [_steepness(y) * ((bounds.ball(y.constant) * gamma / rate).sqrt() + _through(y)) for y in claim.outputs]
 
 
+def feedback_margins(claim: Claim) -> Float[ndarray, " l"]:
+    """Return 1/gain of each output, rounded down, infinite where inputs do not reach it: docs/ledger.md, "feedback"."""
+    upper = [Fraction(bounds.above(gain)) for gain in gains(claim)]
+    return np.array([bounds.below(1 / gain) if gain else np.inf for gain in upper])
+
+
 def bound(claim: Claim, x0: Float[ndarray, " n"], u_sup: float, t: Float[ndarray, " N"]) -> Float[ndarray, "N l"]:
     """Return the bound of |y_i - y_i*| at times t (s) from x0, for inputs with sup|u - u*| <= u_sup."""
     with ctx.workprec(bounds.BITS):

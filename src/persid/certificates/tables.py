@@ -20,4 +20,10 @@ def of_certificate(certificate: Any) -> str:
     if outputs:
         pairs = zip(outputs, certificate.output_gains, strict=True)
         rows += [(f"gain of {name}", above(gain)) for name, gain in pairs]
+        loops = certificate.feedback_margins
+        rows += (
+            []
+            if loops is None
+            else [(f"feedback from {name} below", below(a)) for name, a in zip(outputs, loops, strict=True)]
+        )
     return table("Certificate", (), [*rows, ("statement", certificate.statement)])

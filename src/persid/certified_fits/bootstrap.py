@@ -11,7 +11,7 @@ from numpy import ndarray
 from persid._files import Json
 from persid.errors import DataError
 from persid.identification.estimators import estimator
-from persid.identification.gram import Gram
+from persid.identification.gram import Gram, weighted
 from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.regressions import sparse_coefficients
 from persid.measurements.engines import Progress
@@ -104,7 +104,7 @@ def bootstrap(
         raise DataError(f"count = {count}; needed is at least one refit")
     rng = np.random.default_rng(seed)
     draws = rng.multinomial(len(grams), np.full(len(grams), 1 / len(grams)), size=count)
-    thetas = [sparse_coefficients(_resampled(grams, draw), fit.ridge_, fit.threshold) for draw in draws]
+    thetas = [sparse_coefficients(weighted(grams, draw.tolist()), fit.ridge_, fit.threshold) for draw in draws]
     models = [fit.basis_.model(theta, domain=fit.model_.domain) for theta in thetas]
     answers = certify_many(models, engine=engine, jobs=jobs, scheduler=scheduler, progress=progress, **question)
     done = [k for k, answer in enumerate(answers) if not was_interrupted(answer)]
@@ -128,14 +128,6 @@ def _blocks(fit: PersidskiiIdentifier) -> tuple[Gram, ...]:
     if len(grams) < 2:
         raise DataError("bootstrap needs at least two blocks of data; give longer runs, or more of them")
     return tuple(grams)
-
-
-def _resampled(grams: Sequence[Gram], draw: ndarray) -> Gram:
-    """Return the Gram of the blocks, each as often as it was drawn."""
-    drawn = [(int(times), gram) for times, gram in zip(draw, grams, strict=True) if times]
-    G, H, yy = (sum(times * getattr(gram, name) for times, gram in drawn) for name in ("G", "H", "yy"))
-    rows = sum(times * gram.rows for times, gram in drawn)
-    return Gram(G, H, yy, rows, grams[0].basis, grams[0].structure)
 
 
 def figures(found: Bootstrap, fit: PersidskiiIdentifier) -> Json:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from persid._files import in_place
-from persid._text import SECONDS, pace
+from persid._text import SECONDS, above, below, pace
 from persid.errors import DataError, ModelError, PersidError
 
 if TYPE_CHECKING:
@@ -153,9 +153,14 @@ def _holds_between(verdict: "Certified") -> bool:
     return isinstance(verdict.certificate, Certificate) and verdict.certificate.is_incremental
 
 
+def _feedback(margins: dict[str, float | None]) -> list[str]:
+    """Return how strong an unmodelled feedback from one output may be."""
+    limits = ", or ".join(f"below {below(a)} from {name}" for name, a in margins.items() if a is not None)
+    return [f"stays bounded under an unmodelled feedback of a gain {limits}"] * bool(limits)
+
+
 def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[str, str]]:
     """Return the row of a verdict with its proved numbers; `asked` is the rate in 1/s that was asked for."""
-    from persid._text import above
     from persid.verdicts.summary import plants, summarize, unrated
     from persid.verdicts.verdict import Certified
 
@@ -168,7 +173,7 @@ def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[s
             bounds = [f"rate {_rate(brief.rate)}, gain {above(brief.gain)}"]
         elif brief.rate is not None and brief.output_gains is not None:
             gains = ", ".join(f"{name} {above(gain)}" for name, gain in brief.output_gains.items())
-            bounds = [f"rate {_rate(brief.rate)}, gain of {gains}"]
+            bounds = [f"rate {_rate(brief.rate)}, gain of {gains}", *_feedback(brief.feedback_margins or {})]
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
         bounds += _best(verdict, asked)

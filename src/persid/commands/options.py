@@ -259,6 +259,9 @@ fitting = together(
                  help="Samples of one step in discrete time; auto chooses by free runs."),
     click.option("--hold", type=click.Choice(["zoh", "paper"]), default="zoh", show_default=True,
                  help="Inputs are held from sample to sample, or vary between samples."),
+    click.option("--instruments", is_flag=True,
+                 help="Earlier windows stand in for the one that is fitted: unbiased where noise acts on the plant, "
+                      "less precise where it does not."),
     appending,
     click.option("--window", type=Given(Count("even number")), default="auto", show_default=True,
                  help="Samples of a window of the weak form, even."),
@@ -277,7 +280,7 @@ fitting = together(
                  help="Take the smallest of many exact fits instead of refusing."),
 )  # fmt: skip
 FIT_OPTIONS = ("stride", "hold", "derivatives", "delays", "window", "x_ref", "scale", "constant", "pattern", "shared",
-               "velocities", "allow_underdetermined")  # fmt: skip
+               "velocities", "allow_underdetermined", "instruments")  # fmt: skip
 
 
 def fit_options(how: dict[str, Any]) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """Gram: the sums of products that a least-squares fit needs, accumulated in blocks, and its ridge solutions."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +13,15 @@ from scipy.linalg import qr
 
 from persid.errors import UnderdeterminedError
 from persid.identification.basis import Basis
+from persid.identification.instruments import two_stages
 from persid.identification.structure import Structure
 from persid.measurements.moments import BLOCK as BLOCK
 
 ILL_CONDITIONED = 1e7  # the Gram matrix squares the condition number, which leaves no more than 2 digits beyond this
 
-Rows = tuple[Float[ndarray, "N p"], Float[ndarray, "N n"]]
+ILL_PROJECTED = 1e4  # so, too, do products with instruments, of which less is kept
+
+Rows = tuple[Float[ndarray, "N _"], ...]  # columns phi and left sides y; before them instruments, where there are some
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,7 @@ class Gram:
     `basis.columns`, the last being the constant; `basis.model(theta)` is the model and `basis.coefficients(model)`
     the way back. `weights` are the units of ridge strengths, `structure` tells which coefficients may be used.
     `root` is the triangular factor of [phi, y] where the Gram matrix alone is too ill-conditioned, else None.
+    With `instruments`, Z'[Z, phi, y], all of this is of the second stage: phi stands for its projection on them.
     """
 
     G: Float[ndarray, "p p"]
@@ -37,15 +42,18 @@ class Gram:
     basis: Basis
     structure: Structure
     root: Float[ndarray, "r q"] | None = None
+    instruments: Float[ndarray, "z _"] | None = None
 
     def __add__(self, other: "Gram") -> "Gram":
-        return self._with(self.G + other.G, self.H + other.H, self.yy + other.yy, self.rows + other.rows)
+        return weighted((self, other), (1, 1))
 
     def __sub__(self, other: "Gram") -> "Gram":
-        return self._with(self.G - other.G, self.H - other.H, self.yy - other.yy, self.rows - other.rows)
+        return weighted((self, other), (1, -1))
 
-    def _with(self, G: ndarray, H: ndarray, yy: ndarray, rows: int) -> "Gram":
-        return Gram(G, H, yy, rows, self.basis, self.structure)
+    @property
+    def ill_conditioned(self) -> float:
+        """The condition number from which on a triangular factor is needed."""
+        return ILL_CONDITIONED if self.instruments is None else ILL_PROJECTED
 
     @cached_property
     def weights(self) -> Float[ndarray, " p"]:
@@ -149,16 +157,40 @@ def _ridge_path(C: ndarray, c: ndarray, ridges: ndarray) -> ndarray:
     return np.stack([V[:, good] @ (projected / (e[good] + r)[:, None]) for r in ridges])
 
 
+def weighted(grams: Sequence[Gram], weights: Sequence[int]) -> Gram:
+    """Return the Gram of all rows together, those of each Gram counted so many times."""
+    counted = [(int(weight), gram) for weight, gram in zip(weights, grams, strict=True) if weight and gram.rows]
+    if not counted:
+        return grams[0]
+    one = counted[0][1]
+
+    def sums(name: str) -> Any:
+        return sum(weight * getattr(gram, name) for weight, gram in counted)
+
+    if one.instruments is None:
+        return Gram(sums("G"), sums("H"), sums("yy"), sums("rows"), one.basis, one.structure)
+    return _projected(sums("instruments"), sums("yy"), sums("rows"), one.basis, one.structure)
+
+
+def _projected(products: ndarray, yy: ndarray, rows: int, basis: Basis, structure: Structure) -> Gram:
+    G, H = two_stages(products, basis.size)
+    return Gram(G, H, yy, rows, basis, structure, instruments=products)
+
+
 def accumulate(blocks: Iterable[Rows], basis: Basis, structure: Structure) -> Gram:
-    """Sum a stream of blocks (phi, y) to a Gram: one pass, memory independent of the number of rows."""
+    """Sum a stream of blocks ([Z,] phi, y) to a Gram: one pass, memory independent of the number of rows."""
     p, n = basis.size, len(basis.states)
-    G, H, yy, rows = np.zeros((p, p)), np.zeros((p, n)), np.zeros(n), 0
-    for phi, y in blocks:
-        G += phi.T @ phi
-        H += phi.T @ y
+    products, yy, rows = np.zeros((p, p + n)), np.zeros(n), 0
+    projected = False
+    for *instruments, phi, y in blocks:
+        left, projected = (instruments or [phi])[0], bool(instruments)
+        new = left.T @ np.hstack([*instruments, phi, y])
+        products = products + new if rows else new
         yy += np.einsum("ij,ij->j", y, y)
         rows += len(y)
-    return Gram(G, H, yy, rows, basis, structure)
+    if projected:
+        return _projected(products, yy, rows, basis, structure)
+    return Gram(products[:, :p], products[:, p:], yy, rows, basis, structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,18 +200,22 @@ class Triangle:
     R: Float[ndarray, "r q"]
 
     def __add__(self, other: "Triangle") -> "Triangle":
-        stacked = np.vstack([self.R, other.R])
+        stacked = np.vstack([R for R in (self.R, other.R) if len(R)] or [self.R])
         return Triangle(qr(stacked, mode="r", check_finite=False)[0][: stacked.shape[1]])
 
 
 def triangle(blocks: Iterable[Rows]) -> Triangle:
     """Return the triangular factor of all rows [phi, y] (tall-skinny QR)."""
-    return reduce(add, (Triangle(np.hstack(rows)) for rows in blocks))
+    return reduce(add, (Triangle(np.hstack(rows)) for rows in blocks), Triangle(np.zeros((0, 0))))
 
 
 def with_root(gram: Gram, root: Triangle) -> Gram:
-    """Return the Gram with the triangular factor of its rows [phi, y], from a second pass over them."""
-    return Gram(gram.G, gram.H, gram.yy, gram.rows, gram.basis, gram.structure, root.R)
+    """Return the Gram with the triangular factor of its rows [phi, y], from a second pass over them.
+
+    Of the factor of [Z, phi, y] the first rows, one an instrument, are the projection of [phi, y] on them.
+    """
+    z = 0 if gram.instruments is None else len(gram.instruments)
+    return replace(gram, root=root.R[:z, z:] if z else root.R)
 
 
 def condition_number(matrix: Float[ndarray, "k k"]) -> float:

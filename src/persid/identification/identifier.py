@@ -17,6 +17,7 @@ from persid.errors import DataError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Basis, Functions
+from persid.identification.bias import noise_bias
 from persid.identification.derivatives import embedded, refuse_constant, velocity_names
 from persid.identification.diagnostics import FitReport
 from persid.identification.estimators import estimator
@@ -75,6 +76,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         `fit`) or "edmd" (the paper's Koopman road).
     ridge: "auto" (blocked validation on the free-run error) or a strength relative to columns of mean square 1;
         the constant is never penalised. EDMD takes 0 for "auto".
+    instruments: whether columns of earlier windows stand in for those of the window itself ("weak" only): unbiased
+        where noise acts on the plant, less precise where it does not. A warning of `report_` says when.
     window: samples of a window of the weak form, even; "auto" is the shortest over which the states outrun their noise.
     x_ref, scale: reference point and scales of the functions' arguments, "auto" or numbers (`identification.basis`).
     hold: "zoh", inputs are held from sample to sample, or "paper", they vary between samples.
@@ -108,6 +111,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         *,
         method: str = "weak",
         ridge: float | int | str = "auto",
+        instruments: bool = False,
         window: int | str = "auto",
         x_ref: Any = "auto",
         scale: Any = "auto",
@@ -130,6 +134,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.functions = functions
         self.method = method
         self.ridge = ridge
+        self.instruments = instruments
         self.window = window
         self.x_ref = x_ref
         self.scale = scale
@@ -223,7 +228,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def _options(self, y: Any = None) -> Options:
         embedded = bool(self.derivatives or self.delays)
-        return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded)
+        return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded, self.instruments)
 
     def _problem(self, data: Measurements, y: Any, stride: int = 1) -> Problem:
         if self.time == "discrete" and isinstance(data, Trajectories):
@@ -304,6 +309,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         facts = diagnostics.conditioning(gram, solution.theta)
         moved = diagnostics.excitation(data, gram)
         free, step, white, foretold = _tail_scores(problem, solution, self.hold)
+        remarks = diagnostics.remarks(facts, problem.basis.size, moved, foretold, solution.curve)
         return FitReport(
             method="one-step" if self.time == "discrete" else self.method,
             hold=self.hold,
@@ -325,9 +331,17 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             free_run=free,
             one_step=step,
             notes=notes,
-            warnings=diagnostics.remarks(facts, problem.basis.size, moved, foretold, solution.curve),
+            warnings=(*remarks, *self._bias(problem, solution)),
             spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
         )
+
+    def _bias(self, problem: Problem, solution: Solution) -> tuple[str, ...]:
+        """Return what instruments say against the coefficients, where they could have been used and were not."""
+        if self.time == "discrete" or self.instruments or not self._estimator.instruments:
+            return ()
+        model = problem.basis.model(solution.theta)
+        bias = noise_bias(problem.data, model, ~solution.gram.structure.known, self.hold)
+        return bias.remark(model.states) if bias else ()
 
     def _remember(self, measured: Measurements, X: Any) -> None:
         self.n_features_in_ = self.n_states_in_ = len(measured.states)

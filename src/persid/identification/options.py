@@ -20,7 +20,7 @@ def _check_steps(estimator: Any) -> None:
         if stride not in ("auto", 1):
             raise DataError(f'stride={stride!r} is a step of a model in discrete time; add time="discrete"')
         return
-    usual = {"method": "weak", "hold": "zoh", "refine": False, "window": "auto"}
+    usual = {"method": "weak", "hold": "zoh", "refine": False, "window": "auto", "instruments": False}
     odd = [name for name, value in usual.items() if getattr(estimator, name) != value]
     odd += ["velocities"] if estimator.velocities not in ("auto", None, {}) else []
     if odd:
@@ -44,6 +44,8 @@ def check_options(estimator: Any) -> None:
         raise DataError(f'ridge={ridge!r}; needed is "auto" or a number >= 0')
     if window != "auto" and (isinstance(window, str) or window < 2 or int(window) % 2):
         raise DataError(f'window={window!r}; needed is "auto" or an even number of samples (Simpson\'s rule)')
+    if estimator.instruments and not estimator._estimator.instruments:
+        raise DataError(f'instruments=True goes with method="weak"; given {estimator.method!r}')
     if not 0 <= estimator.holdout <= 0.5:
         raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
     if estimator.threshold is not None and not 0 <= estimator.threshold < 1:

@@ -11,7 +11,6 @@ from numpy import ndarray
 
 from persid.identification.basis import Basis
 from persid.identification.gram import (
-    ILL_CONDITIONED,
     Gram,
     Rows,
     Triangle,
@@ -48,7 +47,8 @@ class Regression:
 @dataclass(frozen=True, eq=False)
 class Options:
     """What estimators are asked: `hold` of the inputs, `window` in samples or "auto", further `lifting` functions and
-    the reading of eq:Gamma_cal, and `slopes` x' where they were given for samples that were not `embedded`."""
+    the reading of eq:Gamma_cal, `slopes` x' where they were given for samples that were not `embedded`, and whether
+    columns of earlier windows shall serve as `instruments`."""
 
     hold: str
     window: int | str = "auto"
@@ -56,6 +56,7 @@ class Options:
     gamma: str = "coordinates"
     slopes: Any = None
     embedded: bool = False
+    instruments: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Estimator:
     `additive`: rows know nothing of other samples, so that blocks can be left out, added up and drawn again. One that
     is not (its rows are read off a matrix of all samples) is made again for every choice of parts.
     `in_memory`: it needs all samples at once.  `slopes`: x' may be given.  `lifts`: so may further lifting functions.
+    `instruments`: columns of earlier windows may take the place of those of the window itself.
     `rival`: the method that is tried where free runs of this one foretell less than the mean does.
     """
 
@@ -73,6 +75,7 @@ class Estimator:
     in_memory: bool = False
     slopes: bool = False
     lifts: bool = False
+    instruments: bool = False
     rival: str | None = None
 
 
@@ -100,8 +103,8 @@ class Problem:
     def solvable(self, gram: Gram, ridge: float, tails: bool = True) -> Gram:
         """Return the Gram of all blocks (or of those that are no tails) with its triangular factor, by a second pass,
         where it would otherwise be too ill-conditioned for this ridge."""
-        well = condition_number(gram.scaled) <= ILL_CONDITIONED
-        if not gram.structure.is_separate or ridge >= ILL_CONDITIONED**-2 or well:
+        limit = gram.ill_conditioned
+        if not gram.structure.is_separate or ridge >= limit**-2 or condition_number(gram.scaled) <= limit:
             return gram
         used = [replace(part, block=0) for part in self.parts if tails or part.fold >= 0]
         work = partial(_triangle, rows=self.regression.rows)

@@ -7,16 +7,14 @@ a slow one hides in its noise the long ones do.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import pairwise
-from operator import add
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid.identification.free_runs import batch_errors
-from persid.identification.gram import Gram
+from persid.identification.gram import Gram, weighted
 from persid.measurements.recordings import Measurements, Part, lengths, segments
 from persid.measurements.trajectories import Trajectories
 
@@ -152,7 +150,7 @@ def _worth(data: Measurements, limits: Float[ndarray, "n 2"]) -> float:
 
 def total(grams: Sequence[Gram]) -> Gram:
     """Return the Gram of all rows together."""
-    return reduce(add, grams)
+    return weighted(grams, [1] * len(grams))
 
 
 def _horizons(parts: Sequence[Part], gram: Gram) -> tuple[int, ...]:

@@ -7,13 +7,14 @@ from numpy import ndarray
 from persid.measurements.recordings import Measurements, beginnings, lengths
 
 NOISE_RATIO = 30.0  # a window is long enough when the state moves by this many standard deviations of its noise
+WITH_INSTRUMENTS = 2.5  # the same for instruments, which long windows weaken; noise on the plant itself moves so much
 LONGEST_WINDOW = 64
 ENOUGH = 20_000  # samples of a run that are enough to judge its noise
 MOST_JUDGED = 20  # runs whose noise is judged
 
 
-def choose_window(data: Measurements) -> int:
-    """Return the shortest even window over which every state moves by many times its measurement noise.
+def choose_window(data: Measurements, ratio: float = NOISE_RATIO) -> int:
+    """Return the shortest even window over which every state moves by `ratio` times its measurement noise.
 
     The noise is read off third differences, which smooth motion hardly enters, at the beginnings of at most 20 runs.
     """
@@ -22,7 +23,7 @@ def choose_window(data: Measurements) -> int:
     if longest < 4:
         return 2
     window, runs = 2, [run.x for run in beginnings(data, ENOUGH, MOST_JUDGED)]
-    while 2 * window <= longest and not _moves_enough(runs, window):
+    while 2 * window <= longest and not _moves_enough(runs, window, ratio):
         window *= 2
     return window
 
@@ -33,7 +34,7 @@ def noise_of(runs: list[ndarray]) -> Float[ndarray, " n"]:
     return np.asarray(np.sqrt((noise**2).mean(axis=0) / 20))
 
 
-def _moves_enough(runs: list[ndarray], window: int) -> bool:
+def _moves_enough(runs: list[ndarray], window: int, ratio: float) -> bool:
     moves = np.concatenate([x[window:] - x[:-window] for x in runs if len(x) > window])
     sigma = noise_of(runs)
-    return bool((np.sqrt((moves**2).mean(axis=0)) >= NOISE_RATIO * sigma).all())
+    return bool((np.sqrt((moves**2).mean(axis=0)) >= ratio * sigma).all())

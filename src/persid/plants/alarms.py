@@ -9,8 +9,9 @@ from numpy import ndarray
 from scipy import stats
 
 from persid.errors import UnderdeterminedError
+from persid.identification.bias import noise_bias
+from persid.identification.estimates import Dictionary, Estimate, Windows, estimate, every_second, windows_of
 from persid.measurements.trajectories import Trajectories
-from persid.plants.estimates import Dictionary, Estimate, Windows, estimate, every_second, windows_of
 
 DOUBT = 0.01  # an alarm is false with about this probability, where the test has one
 CORRELATED = 0.1  # a correlation of residuals below that does not matter
@@ -54,6 +55,14 @@ def alarms(about: Evidence) -> Iterator[Alarm]:
     yield from _correlation(about)
     yield from _other_hold(about)
     yield from _quadrature(about)
+    yield from _noise_bias(about)
+
+
+def _noise_bias(about: Evidence) -> Iterator[Alarm]:
+    """Least squares says something else than instruments do."""
+    free = about.found.used.any(axis=0)
+    bias = None if about.instruments else noise_bias(about.data, about.phi.model, free, about.hold)
+    yield from (Alarm("noise bias", text) for text in (bias.remark(about.phi.model.states) if bias else ()))
 
 
 def _names(about: Evidence, chosen: Bool[ndarray, " n"]) -> str:

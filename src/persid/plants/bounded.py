@@ -11,8 +11,8 @@ from numpy import ndarray
 from scipy.optimize import linprog
 
 from persid.errors import DataError
+from persid.identification.estimates import Windows
 from persid.models.model import PersidskiiModel
-from persid.plants.estimates import Windows
 
 POINTS = 60  # at which the programmes are solved
 ROWS = 600  # windows that enter them

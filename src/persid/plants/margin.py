@@ -19,12 +19,12 @@ from numpy import ndarray
 from persid.certificates.certificate import Certificate
 from persid.certificates.margin import Margin
 from persid.errors import DataError, PersidError, RejectedError
-from persid.identification.windows import choose_window
+from persid.identification.estimates import Dictionary, estimate, windows_of
+from persid.identification.windows import NOISE_RATIO, WITH_INSTRUMENTS, choose_window
 from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
 from persid.plants.alarms import Alarm, Evidence, alarms
 from persid.plants.bounded import bounded_band
-from persid.plants.estimates import Dictionary, estimate, windows_of
 from persid.verdicts.verdict import Certified, Verdict
 
 OPTIMISM = 5.0  # bands of confidence 1 - a cover with probability 1 - OPTIMISM a, as measured: .99 for about .95
@@ -126,7 +126,8 @@ def plant_margin(
         True
     """
     free = getattr(fit, "free_", fit)
-    asked = Reading(free.hold, free.window_, confidence, instruments, noise, bound)
+    window = free.window_ if free.instruments == (instruments and noise == "random") else None
+    asked = Reading(free.hold, window, confidence, instruments, noise, bound)
     return margin_of(verdict, free._known(data), asked)
 
 
@@ -152,8 +153,9 @@ def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMarg
     """Return what measurements of the states and inputs of a certified model say; see `plant_margin`."""
     margin = _margin(verdict)
     model, random = margin.certificate.model, asked.noise == "random"
-    phi, window = Dictionary(model), asked.window or choose_window(data)
-    windows = windows_of(data, phi, window, asked.hold, asked.instruments and random)
+    phi, instruments = Dictionary(model), asked.instruments and random
+    window = asked.window or choose_window(data, WITH_INSTRUMENTS if instruments else NOISE_RATIO)
+    windows = windows_of(data, phi, window, asked.hold, instruments)
     used = np.ones((phi.size, model.n), bool)
     used[:, [name in margin.known for name in model.states]] = False
     found = estimate(windows, used)

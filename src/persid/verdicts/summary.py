@@ -27,6 +27,7 @@ class Summary:
 
     `best_rate` in 1/s is the best one that is proved, by this certificate or by another one with a larger gain.
     `output_gains` are those of the outputs of an output model, in their own units, in place of `gain`.
+    `feedback_margins` are how strong an unmodelled feedback from each output may be, in its inverse units.
     `residual_margin` has the numbers of `Margin`: delta (1/s) of the plants that are certified too, largest, radius,
     resting, the width of each state, and the equations that are known.
     `evidence` is what simulations did where a verdict is undecided: runs, diverged, and x0 and time (s) of the first.
@@ -44,6 +45,7 @@ class Summary:
     output_gains: dict[str, float] | None = None
     best_rate: float | None = None
     residual_margin: Json | None = None
+    feedback_margins: dict[str, float | None] | None = None
 
     def to_dict(self) -> Json:
         """Return the object that `--json` prints."""
@@ -59,14 +61,26 @@ def summarize(verdict: Verdict) -> Summary:
         large = certificate.model.n > LISTED_STATES
         point = None if large else [float(x) for x in certificate.operating_point]
         rate, gain = certificate.rate, certificate.gain
-        named = None
+        named = loops = None
         if isinstance(certificate, Certificate) and certificate.output_gains is not None:
             named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
+            loops = _feedback(certificate)
         claim, scope = certificate.claim, certificate.scope
         margin = None if verdict.margin is None else margin_facts(verdict.margin)
-        return Summary(name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate, margin)
+        return Summary(
+            name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate, margin, loops
+        )
     evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
     return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
+
+
+def _feedback(certificate: Certificate) -> dict[str, float | None] | None:
+    """Return the feedback margins by the names of the outputs, None for one that inputs do not reach."""
+    margins = certificate.feedback_margins
+    if margins is None:
+        return None
+    limits = [a if math.isfinite(a) else None for a in margins.tolist()]
+    return dict(zip(certificate.outputs, limits, strict=True))
 
 
 def margin_facts(margin: Margin) -> Json:

@@ -6,7 +6,7 @@ from persid_check.identity import Meant, require_same
 from persid_check.ledger import MAX_BYTES
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.sentences import statement, steps
-from persid_check.ledger.theorem import prove
+from persid_check.ledger.theorem import has_feedback, prove
 from persid_check.results import Accepted, FormatError, NotProvedError
 from persid_check.work import limited
 
@@ -31,6 +31,10 @@ def check_ledger(data: Any, size: int, wanted: Meant | None) -> Accepted:
         raise NotProvedError("model", "its matrices are too large for a file of this length")
     with limited(min(STEPS + STEPS_OF_A_BYTE * size, MOST_STEPS)):
         proved = prove(ledger)
-    further = {"incremental": proved.incremental, "everywhere": proved.everywhere}
+    further = {
+        "incremental": proved.incremental,
+        "everywhere": proved.everywhere,
+        "feedback": has_feedback(ledger),
+    }
     names = tuple(name for name, holds in further.items() if holds)
     return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), names)

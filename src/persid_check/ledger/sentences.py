@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.theorem import Proved, strips
+from persid_check.ledger.theorem import Proved, has_feedback, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
 from persid_check.words import (
     SHOWN,
@@ -127,7 +127,7 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
         return [_finally(ledger, proved)]
     bound = _of_outputs(ledger, ledger.outputs.listed) if ledger.outputs is not None else _of_state(ledger)
     if ledger.claim == "rate-and-gain":
-        return [f"{bound[0].upper()}{bound[1:]}."]
+        return [f"{bound[0].upper()}{bound[1:]}.", *_feedback(ledger)]
     found = strips(ledger)
     start = _clock(ledger).start
     sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
@@ -160,6 +160,27 @@ def _of_output(ledger: Ledger, output: Output) -> str:
     terms = [start, *_of_inputs(ledger, c / ledger.kappa, [square * d * d for d in output.direct])]
     spread = _spread(ledger, ledger.kappa / c) if c else ""
     return f"|{output.name!r} - y*| <= {' + '.join(terms)}{spread}"
+
+
+def _feedback(ledger: Ledger) -> list[str]:
+    """How strong an effect of one output on the inputs may be, in the largest value so far or in the mean square."""
+    if not has_feedback(ledger) or ledger.outputs is None:
+        return []
+    gains = [(output.name, Fraction(_output_gain(ledger, output))) for output in ledger.outputs.listed]
+    limits = [f"{decimal(1 / gain, up=False)} for {name!r}" for name, gain in gains[:SHOWN] if gain]
+    more = f" and so on ({len(gains)} outputs)" if len(gains) > SHOWN else ""
+    return [
+        "Any feedback from one output y, u - u* = v + w with |w| <= a sup|y - y*| so far, leaves inputs and outputs"
+        f" bounded for bounded v where a < {', '.join(limits)}{more}; the same in the mean square."
+    ] * bool(limits)
+
+
+def _output_gain(ledger: Ledger, output: Output) -> str:
+    """Return a decimal upper bound of L (sqrt(c gamma/kappa) + |D|), one number gamma."""
+    gamma = ledger.gamma if isinstance(ledger.gamma, Fraction) else _ZERO
+    square = output.steepness**2
+    through = square * sum((d * d for d in output.direct), _ZERO)
+    return _sum(square * output.constant / ledger.kappa * gamma, through)
 
 
 def _of_inputs(ledger: Ledger, c: Fraction, direct: Sequence[Fraction]) -> list[str]:

@@ -391,6 +391,12 @@ def _only_values(ledger: Ledger) -> bool:
     return not ledger.deviations and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
 
 
+def has_feedback(ledger: Ledger) -> bool:
+    """Section 7, feedback: outputs of a model alone, with one gain for all its inputs."""
+    alone = ledger.outputs is not None and not ledger.deviations and not ledger.counts_b
+    return alone and ledger.claim == "rate-and-gain" and isinstance(ledger.gamma, Fraction) and ledger.inputs > 0
+
+
 def _is_incremental(ledger: Ledger) -> bool:
     """Whether the estimate holds for the difference of any two solutions: V = x'P x and nondecreasing forms."""
     if ledger.claim != "rate-and-gain" or not _only_values(ledger):

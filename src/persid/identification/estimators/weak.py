@@ -13,8 +13,9 @@ from numpy import ndarray
 from persid.errors import UnderdeterminedError
 from persid.identification.basis import Basis
 from persid.identification.gram import BLOCK, Rows
+from persid.identification.instruments import earlier, lag
 from persid.identification.regressions import Estimator, Options, Regression
-from persid.identification.windows import choose_window
+from persid.identification.windows import NOISE_RATIO, WITH_INSTRUMENTS, choose_window
 from persid.measurements.recordings import Measurements, Part, lengths
 from persid.measurements.trajectory import Trajectory
 
@@ -24,14 +25,20 @@ FEW_TERMS = 4  # up to so many are added one by one, more by differences of runn
 
 def weak_form(data: Measurements, basis: Basis, parts: Sequence[Part], options: Options) -> Regression:
     """Return the regression of the weak form over windows of the given length, or of the shortest that is useful."""
-    window = choose_window(data) if options.window == "auto" else int(options.window)
+    ratio = WITH_INSTRUMENTS if options.instruments else NOISE_RATIO
+    window = choose_window(data, ratio) if options.window == "auto" else int(options.window)
     longest = max(lengths(data))
-    if longest <= window:
-        raise UnderdeterminedError(f"the longest run has {longest} samples; a window of {window} needs {window + 1}")
-    return Regression(data, partial(window_rows, basis=basis, window=window, hold=options.hold), window, window=window)
+    reach = window + 2 * lag(window) * options.instruments
+    if longest <= reach:
+        before = " and the two before it for instruments" if options.instruments else ""
+        raise UnderdeterminedError(
+            f"the longest run has {longest} samples; a window of {window}{before} needs {reach + 1}"
+        )
+    rows = instrumented_rows if options.instruments else window_rows
+    return Regression(data, partial(rows, basis=basis, window=window, hold=options.hold), reach, window=window)
 
 
-ESTIMATOR = Estimator(weak_form, rival="edmd")
+ESTIMATOR = Estimator(weak_form, rival="edmd", instruments=True)
 
 
 def window_rows(run: Trajectory, count: int | None, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
@@ -45,6 +52,17 @@ def window_rows(run: Trajectory, count: int | None, basis: Basis, window: int, h
     for begin in range(0, last, BLOCK):
         piece = run[begin : min(begin + BLOCK, last) + window]
         yield _integrals(piece, basis, window, hold), piece.x[window:] - piece.x[:-window]
+
+
+def instrumented_rows(run: Trajectory, count: int | None, basis: Basis, window: int, hold: str) -> Iterator[Rows]:
+    """Yield the same with instruments before them: a row begins at the first of the three windows that it reads."""
+    reach = 2 * lag(window)
+    linear = [k for k, column in enumerate(basis.columns) if column.kind == "linear"]
+    last = len(run) - window - reach if count is None else min(count, len(run) - window - reach)
+    for begin in range(0, last, BLOCK):
+        piece = run[begin : min(begin + BLOCK, last) + window + reach]
+        Z, X = earlier(_integrals(piece, basis, window, hold), linear, len(basis.inputs), window)
+        yield Z, X, piece.x[reach + window :] - piece.x[reach:-window]
 
 
 def _integrals(piece: Trajectory, basis: Basis, window: int, hold: str) -> ndarray:

@@ -6,7 +6,7 @@ from benchmarks.plants import CASES, KINDS, answers, measured
 
 import persid as ps
 from persid.errors import UnderdeterminedError
-from persid.plants.estimates import Dictionary, estimate, every_second, windows_of
+from persid.identification.estimates import Dictionary, estimate, every_second, windows_of
 
 RUNS = 12
 

@@ -4,9 +4,8 @@
 
 phi are the functions of the model: the states, the values of its channels, the inputs, and 1.
 
-Least squares is biased where the columns of a window know its noise: measurement noise stands in both, and process
-noise moves the states inside the window (symmetric sums telescope to Stratonovich's integral), however long the record.
-So columns of windows that ended before this one serve as *instruments* Z: with P = Z'X and H = Z'y, theta = P^+ H.
+Least squares is biased where the columns of a window know its noise. So columns of windows that ended before this one
+serve as *instruments* Z (`instruments`): with P = Z'X and H = Z'y of orthonormal Z, theta = P^+ H.
 
 Overlapping windows and coloured noise make the residuals e_k dependent. So nothing is said of single ones: the record
 is cut into blocks, and the spread of their scores psi_b = P^+ Z_b'(y_b - X_b theta) is the covariance (a sandwich). For
@@ -15,6 +14,7 @@ nb blocks and p columns the quantile of Scheffe's band is p (nb - 1) / (nb - p) 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,6 +23,7 @@ from scipy import stats
 
 from persid.errors import UnderdeterminedError
 from persid.identification.estimators.weak import integrate
+from persid.identification.instruments import earlier, lag
 from persid.measurements.trajectory import Trajectory
 from persid.models.model import PersidskiiModel
 
@@ -88,13 +89,14 @@ def windows_of(data: Sequence[Trajectory], phi: Dictionary, window: int, hold: s
     Raises:
         UnderdeterminedError: there are too few of them for any estimate.
     """
-    parts, lag = [], window + 1  # windows end to end share a sample, and its noise
+    parts = []
     for run in (run[:LONGEST] for run in data if len(run) > window):
         X, y = phi.integrals(run, window, hold), run.x[window:] - run.x[:-window]
         if not instruments:
             parts.append((X, y, X))
-        elif len(X) > 2 * lag:
-            parts.append((X[2 * lag :], y[2 * lag :], _earlier(X, phi.model, lag)))
+        elif len(X) > 2 * lag(window):
+            Z, own = earlier(X, range(phi.model.n), phi.model.m, window)
+            parts.append((own, y[2 * lag(window) :], Z))
     count = sum(len(y) for _, y, _ in parts)
     blocks = min(max(BLOCKS, 3 * phi.size), count // (ROWS * window))
     if blocks < 4:
@@ -105,28 +107,25 @@ def windows_of(data: Sequence[Trajectory], phi: Dictionary, window: int, hold: s
     return Windows(X, y, Z, np.arange(count) * blocks // count, window)
 
 
-def _earlier(X: Float[ndarray, "K p"], model: PersidskiiModel, lag: int) -> Float[ndarray, "L z"]:
-    """Return instruments: state columns of the window before, states of the one before that, inputs now, constant.
-
-    The states of the second window are more than are needed: they tell whether all instruments say the same.
-    """
-    p = X.shape[1] - model.m - 1
-    return np.hstack([X[lag:-lag, :p], X[: -2 * lag, : model.n], X[2 * lag :, p:]])
-
-
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Coefficients theta (p, n), their covariance per equation, and the p-value of the instruments' agreement.
 
-    `used` are the columns that each equation may have; `agreement` is 1 where no instrument is left over.
+    `used` are the columns that each equation may have; `agreement` is 1 where no instrument is left over; `influence`
+    is what each block moves theta by, psi_b.
     """
 
     theta: Float[ndarray, "p n"]
-    covariance: Float[ndarray, "n p p"]
+    influence: Float[ndarray, "n b p"]
     used: Bool[ndarray, "p n"]
     blocks: int
     agreement: Float[ndarray, " n"]
     residual: Float[ndarray, "K n"]
+
+    @cached_property
+    def covariance(self) -> Float[ndarray, "n p p"]:
+        """The covariance of theta, an equation a matrix."""
+        return np.einsum("nbp,nbq->npq", self.influence, self.influence) * self.blocks / (self.blocks - 1)
 
     def quantile(self, confidence: float) -> Float[ndarray, " n"]:
         """Return, per equation, what theta'phi's squared error over its variance stays below, for all phi at once.
@@ -156,7 +155,7 @@ def estimate(windows: Windows, used: Bool[ndarray, "p n"]) -> Estimate:
             f"{most} coefficients an equation and {nb} blocks of data: at least twice as many blocks are needed; "
             "measure longer, or give fewer functions"
         )
-    theta, covariance = np.zeros((p, n)), np.zeros((n, p, p))
+    theta, influence = np.zeros((p, n)), np.zeros((n, nb, p))
     agreement, residual = np.ones(n), np.zeros_like(windows.y)
     Z = np.linalg.qr(windows.Z / np.maximum(np.linalg.norm(windows.Z, axis=0), 1e-300))[0]
     for i in np.flatnonzero(used.any(axis=0)):
@@ -167,11 +166,10 @@ def estimate(windows: Windows, used: Bool[ndarray, "p n"]) -> Estimate:
         own = inverse @ (Z.T @ windows.y[:, i]) / scale
         residual[:, i] = windows.y[:, i] - X @ own
         scores = windows.sums(Z * residual[:, i : i + 1])
-        psi = scores @ inverse.T / scale
         theta[used[:, i], i] = own
-        covariance[i][np.ix_(used[:, i], used[:, i])] = psi.T @ psi * nb / (nb - 1)
+        influence[i][:, used[:, i]] = scores @ inverse.T / scale
         agreement[i] = _agreement(scores, P)
-    return Estimate(theta, covariance, used, nb, agreement, residual)
+    return Estimate(theta, influence, used, nb, agreement, residual)
 
 
 def _agreement(scores: Float[ndarray, "b z"], P: Float[ndarray, "z p"]) -> float:
