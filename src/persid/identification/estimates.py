@@ -125,7 +125,8 @@ class Estimate:
     @cached_property
     def covariance(self) -> Float[ndarray, "n p p"]:
         """The covariance of theta, an equation a matrix."""
-        return np.einsum("nbp,nbq->npq", self.influence, self.influence) * self.blocks / (self.blocks - 1)
+        products = np.einsum("nbp,nbq->npq", self.influence, self.influence)
+        return np.asarray(products * self.blocks / (self.blocks - 1))
 
     def quantile(self, confidence: float) -> Float[ndarray, " n"]:
         """Return, per equation, what theta'phi's squared error over its variance stays below, for all phi at once.

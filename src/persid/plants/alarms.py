@@ -60,7 +60,7 @@ def alarms(about: Evidence) -> Iterator[Alarm]:
 
 def _noise_bias(about: Evidence) -> Iterator[Alarm]:
     """Least squares says something else than instruments do."""
-    free = about.found.used.any(axis=0)
+    free = np.asarray(about.found.used.any(axis=0))
     bias = None if about.instruments else noise_bias(about.data, about.phi.model, free, about.hold)
     yield from (Alarm("noise bias", text) for text in (bias.remark(about.phi.model.states) if bias else ()))
 
