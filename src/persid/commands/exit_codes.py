@@ -173,11 +173,12 @@ def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[s
             bounds = [f"rate {_rate(brief.rate)}, gain {above(brief.gain)}"]
         elif brief.rate is not None and brief.output_gains is not None:
             gains = ", ".join(f"{name} {above(gain)}" for name, gain in brief.output_gains.items())
-            bounds = [f"rate {_rate(brief.rate)}, gain of {gains}", *_feedback(brief.feedback_margins or {})]
+            bounds = [f"rate {_rate(brief.rate)}, gain of {gains}"]
         elif brief.rate is None:
             bounds = [f"no rate and gain: {unrated(verdict)}"]
         bounds += _best(verdict, asked)
         bounds += ["these hold between any two runs, too"] * _holds_between(verdict)
+        bounds += _feedback(brief.feedback_margins or {})
         named = named_gains(verdict)
         if len(set(named.values())) > 1:
             bounds.append("gain of " + ", ".join(f"{name} {above(gain)}" for name, gain in named.items()))
