@@ -1,6 +1,7 @@
 """Diagnosis: what ails the measurements is found by trying the cure, and a fit that is well is left alone."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,19 @@ def test_a_good_fit_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
             found = ps.advise(fit, data)
         assert (found.remedies, found.findings, found.tried) == ((), (), 0)
         assert str(found).startswith("nothing to mend")
+
+
+@pytest.mark.parametrize(("truth", "right"), [(lambda x: -x, "x"), (lambda x: -x - x**3, "x,x**3")])
+def test_fewer_functions_that_do_as_well_are_named(truth: Callable[[float], float], right: str) -> None:
+    """Of a good fit with four functions those are named that made the data; one that has no others is left alone."""
+    u, x = steps(), np.zeros((1000, 1))
+    for k in range(999):
+        x[k + 1] = x[k] + 0.05 * (truth(x[k, 0] + 0.025 * (truth(x[k, 0]) + 2 * u[k, 0])) + 2 * u[k, 0])
+    data = recorded(x + 1e-3 * np.random.default_rng(1).normal(size=x.shape), u)
+    found = ps.advise(ps.PersidskiiIdentifier(["x", "x**3", "sinh(x)", "tanh(x)"]).fit(data), data)
+    assert [one.options for one in found.findings] == [(("--functions", right),)]
+    assert found.r2 is None
+    assert not ps.advise(ps.PersidskiiIdentifier(right.split(",")).fit(data), data).findings
 
 
 def test_files_that_were_kept_judge_the_remedies() -> None:

@@ -18,8 +18,8 @@ def advice_rows(diagnosis: "Diagnosis") -> list[tuple[str, str]]:
     """Return rows: what to try, the best first, and what the measurements tell."""
     from persid.identification.advice import said
 
-    rows = [("try", said(one, typed(one.options))) for one in diagnosis.remedies]
-    rows += [("see", said(one, typed(one.options))) for one in diagnosis.findings]
+    told = (*diagnosis.remedies, *diagnosis.findings)
+    rows = [("try" if one.options else "see", said(one, typed(one.options))) for one in told]
     if rows and diagnosis.r2 is not None:
         rows[0] = (rows[0][0], f"{rows[0][1]}\n(now R2 {diagnosis.r2:.4f} over {diagnosis.ahead})")
     return rows

@@ -4,6 +4,7 @@ Every remedy is a fit of its own, made without the held-out part and scored on i
 horizon and for the states that were measured. The work is bounded: beginnings of the runs, and one fit a remedy.
 """
 
+import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,8 @@ NOISE = 2.0  # times the noise of the record: nor are fits as good as that
 DOUBTFUL = 0.2  # a larger error is questioned in any case: what looks like noise may be faster than the samples
 HELPS = 0.7  # of the error is left, at most, where a remedy is named
 LONGEST, MOST_RUNS = 4000, 20  # samples and runs that are tried on
+AS_WELL = 1.1  # times the error of a good fit: fewer functions that foretell so well are named
+MOST_TRIED = 40  # functions of all states: more are not tried with fewer
 MOST_STATES = 20  # with what a remedy appends
 MOST_COLUMNS = 200  # a larger basis is not fitted again and again
 HIDDEN_SAMPLES, MOST_HIDDEN = 2000, 6  # of a run, of at most so many, and so many hidden states, for a trial of them
@@ -115,7 +118,8 @@ def advise(
 ) -> Diagnosis:
     """Try the usual remedies where a fitted PersidskiiIdentifier foretells little; say what each gives.
 
-    A fit that foretells what was held out is left alone, and nothing is fitted; so is one of more than 200 columns.
+    Of a fit that foretells what was held out it says whether fewer functions do so, too. One of more than 200 columns
+    is left alone.
 
     Args:
         fit: the fitted estimator.
@@ -139,7 +143,7 @@ def advise(
     base = fit.on_appended()
     codes = list(suspicions.missing_codes(looked_at))
     if not codes and _is_good(fit, scores):
-        return Diagnosis()
+        return Diagnosis(findings=tuple(_fewer(base, work, len(kept))))
     if fit.basis_.size > MOST_COLUMNS:
         return Diagnosis(findings=tuple(_coded(codes)))
     before = _foretold(base, work, None, len(kept))
@@ -149,7 +153,7 @@ def advise(
     here = _measured(work)
     r2, error = _figures(ahead, here)
     if not codes and error <= _enough(record.floor):
-        return Diagnosis()
+        return Diagnosis(findings=tuple(_fewer(base, work, len(kept))))
     # where the fit was scored on more than is looked at here, a remedy has to do better than that, too
     known = scores.headline.error if scores is not None and scores.unseen else np.inf
     trials = _codes(base, work, codes) if codes else _trials(base, work, fit)
@@ -220,6 +224,29 @@ def _foretold(fit: Any, data: Trajectories, like: Record | None, kept: int = 0) 
         return record, scores.headline
     except (PersidError, ValueError, np.linalg.LinAlgError):  # no logarithm, uneven times, too little data
         return None
+
+
+def _fewer(base: Any, data: Trajectories, kept: int) -> Iterator[Advice]:
+    """Yield the fewest functions that foretell as well as those of a good fit: x alone, or x and one more."""
+    given = base.functions
+    if len(given) * len(data.states) > MOST_TRIED or not all(isinstance(f, str) for f in given) or "x" not in given:
+        return
+    others = [f for f in given if f != "x"]
+    sizes = [[["x"]], [["x", f] for f in others]][: len(given) - 1]
+    before = _foretold(base, data, None, kept) if sizes else None
+    if before is None:
+        return
+    record, ahead = before
+    for size in sizes:
+        tried = [(f, _foretold(clone(base).set_params(functions=f), data, record, kept)) for f in size]
+        left = [(_figures(outcome[1], _measured(data)), f) for f, outcome in tried if outcome is not None]
+        (r2, error), functions = min(left, key=lambda one: one[0][1], default=((0.0, np.inf), size[0]))
+        if error <= AS_WELL * _figures(ahead, _measured(data))[1]:
+            what = f"{' and '.join(functions)} {'alone foretells' if len(functions) == 1 else 'foretell'} as well"
+            more = "; the fewer functions, the better the data tell their coefficients"
+            options = (("--functions", ",".join(functions)),)
+            yield Advice("fewer", what + more, options, _with(f"functions={json.dumps(functions)}"), r2, error)
+            return
 
 
 def _trials(base: Any, data: Trajectories, fit: Any) -> Iterator[_Trial]:
