@@ -32,7 +32,7 @@ def follow(folder: Path) -> None:
         for language, block in re.findall(r"^```(sh|python)\n(.*?)^```$", text, re.S | re.M):
             if language == "python":
                 exec(compile(block, "tutorial.md", "exec"), names)
-            else:
+            elif block.startswith((".venv/bin/persid ", "persid ")):
                 main(shlex.split(block)[1:])
 
 

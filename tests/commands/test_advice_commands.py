@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,11 +11,6 @@ from ailing import AILMENTS, sound
 from persid.commands import cli
 from persid.commands.advice import typed
 from persid.reports.record import Record
-
-
-def _typed(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(sys, "argv", ["persid", *words])
-    return cli.main(words)
 
 
 def _written(data: ps.Trajectories) -> list[str]:
@@ -36,9 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", AILMENTS)
-def test_identify_says_what_ails_the_data(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_identify_says_what_ails_the_data(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every kind stands in --json with the command that is to be typed."""
     ailment = AILMENTS[name]
     words = [
@@ -50,7 +42,7 @@ def test_identify_says_what_ails_the_data(
         "m.json",
         "--json",
     ]
-    assert _typed(words, monkeypatch) == 0
+    assert cli.main(words) == 0
     found = json.loads(capsys.readouterr().out)["diagnosis"]
     advice = next(one for one in (*found["remedies"], *found["findings"]) if one["kind"] == ailment.kind)
     if ailment.option is None:
@@ -62,37 +54,31 @@ def test_identify_says_what_ails_the_data(
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["position", "dead time", "codes", "fast"])
-def test_the_command_that_is_named_cures(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_that_is_named_cures(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Typed as it stands, the best remedy gives a model that foretells, and nothing is left to advise."""
     words = ["identify", *_written(AILMENTS[name].make()), "--functions", "x", "-o", "m.json"]
-    assert _typed([*words, "--json"], monkeypatch) == 0
+    assert cli.main([*words, "--json"]) == 0
     command = json.loads(capsys.readouterr().out)["diagnosis"]["remedies"][0]["command"]
-    assert _typed(shlex.split(command)[1:], monkeypatch) == 0
+    assert cli.main(shlex.split(command)[1:]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["free_run"]["r2"] > 0.99
     assert found["diagnosis"]["remedies"] == []
 
 
-def test_a_good_fit_hears_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_good_fit_hears_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No row of advice stands in the table, and the object holds an empty diagnosis."""
     words = ["identify", *_written(sound()), "--functions", "x", "-o", "m.json"]
-    assert _typed(words, monkeypatch) == 0
+    assert cli.main(words) == 0
     assert not [line for line in capsys.readouterr().out.splitlines() if line.startswith(("try", "see"))]
-    assert _typed([*words, "--json"], monkeypatch) == 0
+    assert cli.main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["diagnosis"]["tried"] == 0
 
 
 @pytest.mark.usefixtures("plain_page")
-def test_run_prints_and_keeps_the_diagnosis(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_prints_and_keeps_the_diagnosis(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The table of a run names the command; run.json keeps it, and the page shows it."""
     words = ["run", *_written(AILMENTS["position"].make()), "--functions", "x", "--time-limit", "5", "-o", "out"]
-    _typed(words, monkeypatch)
+    cli.main(words)
     lines = capsys.readouterr().out.splitlines()
     row = next(line for line in lines if line.startswith("try"))
     assert "--derivatives 1" in row

@@ -33,7 +33,7 @@ def test_tables_stand_among_functions_on_the_command_line(here: Path) -> None:
 
 BROKEN = {
     "missing column": ("t,x1,u\n0,1,0\n1,2,0\n", "there is no column 'x2'"),
-    "repeated time": ("t,x1,x2,u\n0,1,1,0\n0,2,2,0\n1,2,2,0\n", "row 3, column 't': time 0.0 is repeated"),
+    "repeated time": ("t,x1,x2,u\n0,1,1,0\n0,2,2,0\n1,2,2,0\n", "row 3, column 't': time 0 is repeated"),
     "unsorted time": ("t,x1,x2,u\n1,1,1,0\n0,2,2,0\n", "row 3, column 't'"),
     "NaN": ("t,x1,x2,u\n0,1,nan,0\n1,2,2,0\n", "row 2, column 'x2'"),
     "empty cell": ("t,x1,x2,u\n0,1,1,0\n1,,2,0\n", "row 3, column 'x1'"),

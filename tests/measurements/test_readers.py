@@ -116,6 +116,15 @@ def test_a_clock_that_starts_again_starts_a_run(tmp_path):
     assert "starts again at row 7" in data.notes[0]
 
 
+def test_of_many_cuts_of_a_kind_the_first_are_noted(tmp_path):
+    """Eighty runs below each other are not eighty notes: three, how many more, and the last of them."""
+    rows = "".join(f"{k % 5},{k}\n" for k in range(400))
+    data = read_measurements(put(tmp_path, "t,x\n" + rows), states=["x"])
+    assert len(data) == 80
+    assert len(data.notes) == 4
+    assert "and 76 more times, the last: the clock starts again at row 397" in data.notes[-1]
+
+
 def test_a_column_tells_runs_apart(tmp_path):
     """Rows of two runs that alternate are put together by their label."""
     rows = "".join(f"{k // 2},{k},{'ab'[k % 2]}\n" for k in range(10))

@@ -1,12 +1,12 @@
 """Diagnosis on the command line: what the usual remedies give, each as the command to type."""
 
 import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from persid._files import Json
+from persid.commands.words import as_given
 
 if TYPE_CHECKING:
     from persid.identification.advice import Advice, Diagnosis
@@ -54,7 +54,7 @@ def _after(one: "Advice", delay: Mapping[str, float]) -> "Advice":
 
 def typed(options: Sequence[tuple[str, str]], words: Sequence[str] | None = None) -> str:
     """Return the command that was typed with other options; the options alone where none was."""
-    given = list(sys.argv[1:] if words is None else words)
+    given = list(as_given() if words is None else words)
     if not options:
         return ""
     if not given or given[0] not in COMMANDS:

@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = persid.main(args=given, prog_name="persid", standalone_mode=False)
+        code = persid.main(args=given, prog_name="persid", standalone_mode=False, obj=given)
         sys.stdout.flush()
         return code if isinstance(code, int) else DONE
     except SystemExit as error:  # so click ends when the shell asks it to complete a word

@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -41,6 +40,7 @@ from persid.commands.options import (
     where,
 )
 from persid.commands.outputs import Asked, run_outputs
+from persid.commands.words import as_given
 
 if TYPE_CHECKING:
     from persid.identification.diagnostics import FitReport
@@ -317,7 +317,7 @@ def _identify(measured: "Measurements", **how: Any) -> "PersidskiiIdentifier":
 
 
 def _command() -> str:
-    return "persid " + shlex.join(sys.argv[1:])
+    return "persid " + shlex.join(as_given())
 
 
 def _kind(name: str) -> str:

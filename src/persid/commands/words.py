@@ -4,6 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import click
+
 OPTIONS = {
     name: "--" + name.replace("_", "-")
     for name in (
@@ -16,6 +18,12 @@ OPTIONS = {
 ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")
 SAID = ("note", "warning", "but", "error", "verdict", "hint")
 KEYS = ("notes", "warnings", "caution", "error", "reason")
+
+
+def as_given() -> list[str]:
+    """Return the words behind "persid" in the command that is running; none outside one."""
+    context = click.get_current_context(silent=True)
+    return [] if context is None else list(context.find_root().obj or [])
 
 
 def spoken(text: str) -> str:

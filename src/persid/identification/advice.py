@@ -243,9 +243,8 @@ def _fewer(base: Any, data: Trajectories, kept: int) -> Iterator[Advice]:
         (r2, error), functions = min(left, key=lambda one: one[0][1], default=((0.0, np.inf), size[0]))
         if error <= AS_WELL * _figures(ahead, _measured(data))[1]:
             what = f"{' and '.join(functions)} {'alone foretells' if len(functions) == 1 else 'foretell'} as well"
-            more = "; the fewer functions, the better the data tell their coefficients"
             options = (("--functions", ",".join(functions)),)
-            yield Advice("fewer", what + more, options, _with(f"functions={json.dumps(functions)}"), r2, error)
+            yield Advice("fewer", what, options, _with(f"functions={json.dumps(functions)}"), r2, error)
             return
 
 

@@ -14,7 +14,8 @@ from persid.measurements.trajectory import Runs, Trajectory
 
 GAP = 10.0  # a step longer than this many median steps is a gap, not an irregular sample
 SHORTEST = 4  # samples of a run, on average, where a clock that goes back is a restart and not disorder
-MOST_NOTES = 20  # cuts that are named one by one
+MOST_OF_A_KIND = 3  # cuts of one kind in one table that are named one by one
+MOST_NOTES = 20  # notes in all
 
 
 def runs_of_tables(tables: Iterable[Table], columns: Columns) -> Runs:
@@ -120,17 +121,27 @@ def _cuts(table: Table, rows: Rows, t: ndarray, gap: float | int | None, notes: 
     both = good[:-1] & good[1:] & ~again[1:]
     limit = GAP * float(np.median(steps[both])) if gap is None and both.any() else (np.inf if gap is None else gap)
     far = both & (steps > limit)
-    for k in np.flatnonzero(again):
-        notes.append(f"{table.name}: the clock starts again at {rows.label(int(k))}; a new trajectory starts there")
-    for k in np.flatnonzero(far):
-        where = f"{rows.label(int(k))} to {rows.label(int(k) + 1)}"
-        notes.append(f"{table.name}: a gap of {steps[k]:.6g} s from {where}; a new trajectory starts there")
-    for k in np.flatnonzero(~good):
-        notes.append(f"{table.name}: {rows.label(int(k))} is incomplete; left out, a new trajectory starts after it")
+    label = rows.label
+    begun = [
+        f"the clock starts again at {label(k)}; a new trajectory starts there" for k in np.flatnonzero(again).tolist()
+    ]
+    gaps = [f"a gap of {steps[k]:.6g} s from {label(k)} to {label(k + 1)}; a new trajectory starts there"
+            for k in np.flatnonzero(far).tolist()]  # fmt: skip
+    left_out = [
+        f"{label(k)} is incomplete; left out, a new trajectory starts after it" for k in np.flatnonzero(~good).tolist()
+    ]
+    for told in (begun, gaps, left_out):
+        notes += [f"{table.name}: {note}" for note in _first_few(told)]
     ends = far | again[1:]
     starts = np.flatnonzero(good & np.concatenate([[True], ~good[:-1] | ends]))
     stops = np.flatnonzero(good & np.concatenate([~good[1:] | ends, [True]])) + 1
     return [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _first_few(told: list[str]) -> list[str]:
+    """Return the first of many notes of one kind, and how many more there are."""
+    more = len(told) - MOST_OF_A_KIND
+    return told if more <= 1 else [*told[:MOST_OF_A_KIND], f"and {more} more times, the last: {told[-1]}"]
 
 
 def _hint(table: Table, rows: Rows, columns: Columns) -> str:
