@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy import ndarray
 from scipy.linalg import expm
 
+import persid as ps
 from persid.measurements.trajectories import Trajectories
 
 STEP = 0.05  # s
@@ -164,3 +166,11 @@ AILMENTS = {
     "differenced": Ailment(differenced, "differenced", ("--states", "a")),
     "feedback": Ailment(feedback, "feedback"),
 }
+
+
+@cache
+def diagnosed(name: str) -> ps.Diagnosis:
+    """Return the diagnosis of an ailment's data, made once for all tests that look at it."""
+    ailment = AILMENTS[name]
+    data = ailment.make()
+    return ps.advise(ps.PersidskiiIdentifier(list(ailment.functions)).fit(data), data)

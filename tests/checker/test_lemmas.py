@@ -94,7 +94,7 @@ def test_no_lemma_is_contradicted() -> None:
         assert counts[f"{name} false"] > 5
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_no_lemma_is_contradicted_in_many_trials() -> None:
     """The same on 1,500 random functions."""
     with ctx.workprec(192):

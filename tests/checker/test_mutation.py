@@ -42,7 +42,7 @@ def test_accepted_mutants_still_prove_true_claims() -> None:
     assert 0 < accepted < total
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_ten_thousand_mutants() -> None:
     """Of all mutants, more than 10,000, every accepted one withstands the independent look."""
     total, _, found = _attack(sorted(named.MAKERS), 1.0, seed=1)

@@ -298,7 +298,7 @@ def test_random_expressions() -> None:
     assert proved > 0.5 * true
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_many_random_expressions() -> None:
     """Of 5,000 random expressions no false one is proved."""
     assert _shares(5000, seed=3)[0] == 0

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import persid as ps
-from ailing import AILMENTS, sound
+from ailing import AILMENTS, diagnosed, sound
 from persid.commands import cli
 from persid.commands.advice import typed
 from persid.reports.record import Record
@@ -29,10 +29,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.long
+@pytest.mark.xdist_group("ailments")
 @pytest.mark.parametrize("name", AILMENTS)
 def test_identify_says_what_ails_the_data(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every kind stands in --json with the command that is to be typed."""
     ailment = AILMENTS[name]
+    monkeypatch.setattr("persid.identification.advice.advise", lambda *_, **__: diagnosed(name))
     words = [
         "identify",
         *_written(ailment.make()),

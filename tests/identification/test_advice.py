@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import persid as ps
-from ailing import AILMENTS, first_order, oscillator, recorded, sound, steps
+from ailing import AILMENTS, diagnosed, first_order, oscillator, recorded, sound, steps
 
 
 @pytest.mark.long
+@pytest.mark.xdist_group("ailments")
 @pytest.mark.parametrize("name", AILMENTS)
 def test_what_ails_the_data_is_found(name: str) -> None:
     """The cure of a small system of known ailment is among what is advised, and what was measured is better."""
     ailment = AILMENTS[name]
-    data = ailment.make()
-    found = ps.advise(ps.PersidskiiIdentifier(list(ailment.functions)).fit(data), data)
+    found = diagnosed(name)
     advice = next(one for one in (*found.remedies, *found.findings) if one.kind == ailment.kind)
     assert found.error is not None
     assert found.error > 0.1
@@ -31,13 +31,13 @@ def test_what_ails_the_data_is_found(name: str) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.xdist_group("ailments")
 @pytest.mark.parametrize(
     ("name", "r2"), [("position", 0.999), ("fast", 0.99), ("dead time", 0.999), ("codes", 0.999), ("third order", 0.99)]
 )
 def test_the_best_remedy_cures(name: str, r2: float) -> None:
     """The first remedy is the one that is right, and its score says that it cures."""
-    data = AILMENTS[name].make()
-    best = ps.advise(ps.PersidskiiIdentifier(["x"]).fit(data), data).remedies[0]
+    best = diagnosed(name).remedies[0]
     assert best.kind == AILMENTS[name].kind
     assert best.r2 is not None
     assert best.r2 > r2
@@ -85,8 +85,7 @@ def test_files_that_were_kept_judge_the_remedies() -> None:
 
 def test_hidden_states_are_tried() -> None:
     """Where a part of the state is hidden, a small linear model with hidden states is fitted, and its score is told."""
-    data = AILMENTS["hidden"].make()
-    found = ps.advise(ps.PersidskiiIdentifier(["x"]).fit(data), data)
+    found = diagnosed("hidden")
     advice = next(one for one in found.findings if one.kind == "outputs")
     assert advice.r2 is not None
     assert advice.r2 > 0.999

@@ -83,16 +83,18 @@ def confirmed(seed: int) -> bool | None:
         return False
 
 
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::UserWarning:cvxpy", "ignore:.*sol.*accurate.*:UserWarning")
-def test_a_thousand_signs_agree_with_clarabel_and_the_exact_check() -> None:
-    """On 1,000 random problems the sign of the margin is Clarabel's, and the checker accepts what is feasible."""
+@pytest.mark.parametrize(
+    "count", [pytest.param(100, marks=pytest.mark.long), pytest.param(1000, marks=pytest.mark.slow)]
+)
+def test_signs_agree_with_clarabel_and_the_exact_check(count: int) -> None:
+    """On many random problems the sign of the margin is Clarabel's, and the checker accepts what is feasible."""
     pytest.importorskip("clarabel")
-    found = {seed: disagreement(random_assembly(seed)) for seed in range(1000)}
+    found = {seed: disagreement(random_assembly(seed)) for seed in range(count)}
     assert not {seed: what for seed, what in found.items() if what}
-    answers = [confirmed(seed) for seed in range(1000)]
+    answers = [confirmed(seed) for seed in range(count)]
     assert False not in answers
-    assert answers.count(True) > 100
+    assert answers.count(True) > count / 10
 
 
 def test_exact_check_accepts_feasible_answers() -> None:

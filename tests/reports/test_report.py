@@ -331,7 +331,6 @@ def test_simulations_under_the_bound_obey_it() -> None:
         assert (distance <= certificate.bound(run.x[0], u, other.t - other.t[0])).all()
 
 
-@pytest.mark.long
 @pytest.mark.slow
 def test_fifty_states_and_many_samples_stay_readable() -> None:
     """A page of 50 noisy states and 100,000 samples stays below 3 MB and says how much of them is drawn."""

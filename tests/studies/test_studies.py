@@ -15,6 +15,7 @@ from persid.studies import STUDIES, bases, recorded, run_study, traffic, wave
 from persid.studies.parts import Parts
 from persid.studies.tables import Study, Table, number, spread
 
+pytestmark = pytest.mark.xdist_group("studies")  # one process runs each study once for all of them
 QUICKEST = [name if name == "bases" else pytest.param(name, marks=pytest.mark.long) for name in STUDIES]
 MADE: dict[str, tuple[Study, Path]] = {}
 
