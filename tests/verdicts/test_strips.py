@@ -35,3 +35,12 @@ def test_a_region_is_about_a_stable_point() -> None:
     verdict = ps.certify(ps.PersidskiiModel([[1.0]], [("x**3", None, [[-1.0]])], [[1.0]]), domain="auto")
     assert isinstance(verdict, ps.Certified)
     assert abs(verdict.certificate.operating_point[0]) == pytest.approx(1.0)
+
+
+def test_a_strip_ends_before_its_function_does() -> None:
+    """x' = 1 - sqrt(x) + u rests at 1: strips stay where the root is defined, and no box has to be named."""
+    model = ps.PersidskiiModel([[0.0]], [("sqrt(x)", None, [[-1.0]])], [[1.0]], b=[1.0])
+    certificate = ps.certify(model, domain="auto").certificate
+    ((_, low, high),) = certificate.stated.strips
+    assert 1 + low > 0
+    assert high > 0.9

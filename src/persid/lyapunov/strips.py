@@ -23,6 +23,7 @@ from persid.lyapunov.frame import Frame
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.proposals import ROOM, Candidate, Left, feasible
 from persid.lyapunov.sectors import Curve
+from persid_check.search.prover import prove_continuous
 
 DIRECTIONS = 600  # in which a level set is looked at
 RADII = 60  # bisections of the distance to it
@@ -156,8 +157,11 @@ class Search:
         return better
 
     def region(self, widths: Widths) -> Sublevel | None:
-        """Return the largest region for given widths."""
+        """Return the largest region for given widths, none where a function ends within them."""
         points = tuple(point.on((-h, h)) for point, h in zip(self.frame.points, widths, strict=True))
+        curves = {point.curve for point in points}
+        if not all(prove_continuous(curve.exact, curve.domain, curve.shift) for curve in curves):
+            return None
         return enlarged(
             replace(self.frame, points=points), self.kappa, self.rows / np.array(widths)[:, None], self.left
         )

@@ -378,8 +378,6 @@ def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, l
 
 def _by_strips(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:
     """Certify the largest region that is found about the first equilibrium that allows one."""
-    if missing := undefined(asked.model):
-        return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
     if asked.model.is_discrete:
         return Failure(Reason.OUTSIDE, words.NO_STRIPS)
     failure = Failure(Reason.OUTSIDE, words.NO_POINT)

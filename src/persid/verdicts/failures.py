@@ -22,7 +22,7 @@ TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
 NO_POINT = "No equilibrium at the nominal input was found and proved; name a state near it, or another input (u_op)."
 UNDEFINED = (
     "It is not proved that {} is defined and continuous for all states, which a global claim needs; ask for a region"
-    ' where it is: domain="data", or a box [[lo, hi], …].'
+    ' where it is: domain="auto", domain="data", or a box [[lo, hi], …].'
 )
 UNDEFINED_IN_BOX = "It is not proved that {} is defined and continuous in the whole box; give a smaller one."
 NO_SLOPE = "A slope at the operating point is not finite, or not known in floating point."

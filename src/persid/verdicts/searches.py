@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 
 import numpy as np
 
@@ -11,11 +10,13 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import find_obstruction
 from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
+from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, best_rate, kappa, smallest_gain
-from persid.lyapunov.search import search
+from persid.lyapunov.search import Outcome, search
 from persid.lyapunov.shifted_model import Setting
+from persid.lyapunov.system import System
 from persid.models.outputs import OutputModel
 from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
@@ -74,16 +75,31 @@ def grows(setting: Setting, lyapunov: Lyapunov) -> bool:
 
 
 def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
-    """Return a Lyapunov function with V' < 0 and no rate asked for."""
-    found = search(setting.system, setting.pools, full_P=full_P, time_limit=log.left(), progress=log.progress)
+    """Return a Lyapunov function with V' < 0 and no rate asked for, a full P that stalls in better coordinates."""
+    found = _with_margin(setting, setting.system, full_P, log)
+    if found.status is Status.STALLED and full_P and (better := _coordinates(setting)) is not None:
+        again = _with_margin(setting, better.turned, full_P, log)
+        if again.status is Status.FEASIBLE:
+            return better.back(choose(again.assembly, again.solution.y))
+        return stopped(again.status)
     if found.status is Status.FEASIBLE:
         return choose(found.assembly, found.solution.y)
-    if found.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
     obstruction = find_obstruction(setting.model, found) if found.status is Status.INFEASIBLE else None
     if obstruction is not None:
         return Failure(Reason.INFEASIBLE, words.TRY, obstruction)
     return stopped(found.status)
+
+
+def _with_margin(setting: Setting, system: System, full_P: bool, log: Log) -> Outcome:
+    found = search(system, setting.pools, full_P=full_P, time_limit=log.left(), progress=log.progress)
+    if found.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return found
+
+
+def _coordinates(setting: Setting) -> Coordinates | None:
+    """Return better coordinates of the states of a global question."""
+    return Coordinates.of(setting.system, setting.jacobian) if setting.box is None else None
 
 
 def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each: bool, log: Log) -> Lyapunov | Failure:
@@ -95,8 +111,7 @@ def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each
     J = setting.jacobian
     if not np.isfinite(J).all():
         return Failure(Reason.OUTSIDE, words.NO_SLOPE)
-    fastest = setting.fastest
-    if fastest <= 0:
+    if setting.fastest <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     system, reach = setting.system, setting.reach
     if len(system.states) < system.n:  # a rate keeps every state; no form lets this one be kept
@@ -104,21 +119,34 @@ def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each
     units = setting.units if each else None
     if units is not None:
         system = replace(system, B=system.B * units)
-    question = Question(
-        system, setting.pools, setting.upper, setting.below, full_P, None if reach is None else 1 / reach**2
-    )
-    best = best_rate(question, fastest, log.left)
-    asked = setting.loss(ABOVE * (rate or 0.0))
-    if (0.0 if best is None else kappa(best)) < asked <= fastest:  # bisection has left a few percent
-        best = question.ask(asked, None, best, log.left) or best
-    if best is None:
+    if log.left() <= 0:
+        return stopped(Status.TIME)
+    shape = None if reach is None else 1 / reach**2
+    found = _rated(Question(system, setting.pools, setting.upper, setting.below, full_P, shape), setting, rate, log)
+    better = _coordinates(setting) if found is None and full_P and units is None else None
+    if better is not None:
+        turned = Question(better.turned, setting.pools, setting.upper, setting.below, full_P)
+        found = _rated(turned, setting, rate, log)
+    if found is None:
         if log.left() > 0 and reach is not None:
             return Failure(Reason.NOT_FOUND, words.SMALLER)
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
+    best, gentle = found
+    back = (lambda lyapunov: lyapunov) if better is None else better.back
+    log.fastest = lambda: back(choose(best.assembly, best.solution.y, setting.lower, units))
+    return back(choose(gentle.assembly, gentle.solution.y, setting.lower, units))
+
+
+def _rated(question: Question, setting: Setting, rate: float | int | None, log: Log) -> tuple[Outcome, Outcome] | None:
+    """Return what has the best rate, and what has a small gain at the rate asked for or at half of the best one."""
+    best = best_rate(question, setting.fastest, log.left)
+    asked = setting.loss(ABOVE * (rate or 0.0))
+    if (0.0 if best is None else kappa(best)) < asked <= setting.fastest:  # bisection has left a few percent
+        best = question.ask(asked, None, best, log.left) or best
+    if best is None:
+        return None
     aim = min(max(setting.gentle(kappa(best)), asked), kappa(best))
-    gentle = smallest_gain(question, aim, best, log.left) or best
-    log.fastest = partial(choose, best.assembly, best.solution.y, setting.lower, units)
-    return choose(gentle.assembly, gentle.solution.y, setting.lower, units)
+    return best, smallest_gain(question, aim, best, log.left) or best
 
 
 def fastest(_: Setting, log: Log) -> Lyapunov | Failure:
