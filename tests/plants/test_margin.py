@@ -1,11 +1,14 @@
 """From measurements to a sentence about the plant: what is proved, what is estimated, what is refused."""
 
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import persid as ps
+from persid.commands import cli
 from persid.errors import DataError, PersidError
 from persid.plants.margin import Reading, margin_of
 
@@ -66,6 +69,7 @@ def test_bounded_noise_needs_no_statistics() -> None:
     assert 0 <= narrow.epsilon < wide.epsilon
     assert "noise within the given bounds" in str(wide)
     assert wide.alarms == ()
+    assert 0 < wide.share < 0.95  # of the places that were looked at: the others count for nothing
     with pytest.raises(DataError, match="raise bound="):
         ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=1e-6)
 
@@ -79,3 +83,18 @@ def test_wrong_use_is_refused() -> None:
         ps.plant_margin(_fit(), _verdict(), _data(), noise="pink")
     with pytest.raises(DataError, match="bound="):
         ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded")
+
+
+def test_the_command_line_takes_bounds_of_the_noise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`persid certify --plant` says what the data say, with statistics or, with --bound, from linear programmes."""
+    run = _data()[0]
+    table = np.column_stack([run.t, run.x, run.u])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,x1,x2,u1", comments="")
+    _fit().model_.save(tmp_path / "m.json")
+    words = ["certify", str(tmp_path / "m.json"), "-o", str(tmp_path / "c.json"), "--json"]
+    said = {}
+    for noise, more in (("random", []), ("bounded", ["--bound", "0.02,0.02"])):
+        assert cli.main([*words, "--plant", str(tmp_path / "run.csv"), *more]) == 0
+        said[noise] = json.loads(capsys.readouterr().out)["plant"]
+        assert said[noise]["noise"] == noise
+    assert said["random"]["epsilon"] < said["bounded"]["epsilon"]

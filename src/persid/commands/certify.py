@@ -24,7 +24,7 @@ from persid.commands.exit_codes import (
     uninterrupted,
     verdict_rows,
 )
-from persid.commands.options import FILE, NEW_FILE, batching, proving, talking
+from persid.commands.options import FILE, NEW_FILE, Numbers, batching, proving, talking
 
 if TYPE_CHECKING:
     from persid.models.model import PersidskiiModel
@@ -74,13 +74,19 @@ if TYPE_CHECKING:
     show_default=True,
     help="With --plant: whether inputs are held from sample to sample or vary.",
 )
+@click.option(
+    "--bound",
+    type=Numbers(),
+    help="With --plant: measurement noise of at most so much, one number or one a state: linear programmes over all "
+    "models that it allows, no statistics.",
+)
 @click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
 @batching
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
     rate: float | None, gains: str, claim: str, device: str, plants: Path | None, plant: tuple[Path, ...], hold: str,
-    explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
+    bound: list[float] | None, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
@@ -118,7 +124,7 @@ def certify(
     for path, verdict, target, second in zip(models, verdicts, targets, beside, strict=True):
         facts, lines, code = _told(path, verdict, target, explain, rate)
         if plant:
-            facts["plant"], more = _plant(verdict, alone, plant, hold)
+            facts["plant"], more = _plant(verdict, alone, plant, hold, bound)
             lines += more
         if second is not None:
             facts["plants"] = _write_plants(verdict, second)
@@ -216,7 +222,9 @@ def _write_proof(verdict: "Verdict", model: "PersidskiiModel | OutputModel", tar
     return None
 
 
-def _plant(verdict: Any, model: Any, files: tuple[Path, ...], hold: str) -> tuple[Any, list[tuple[str, str]]]:
+def _plant(
+    verdict: Any, model: Any, files: tuple[Path, ...], hold: str, bound: list[float] | None
+) -> tuple[Any, list[tuple[str, str]]]:
     """Return what measurements say of the plant, for programs and for people; nothing of a model without a margin."""
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
@@ -225,7 +233,8 @@ def _plant(verdict: Any, model: Any, files: tuple[Path, ...], hold: str) -> tupl
     if getattr(verdict, "margin", None) is None:
         return None, [("of the plant", "nothing: the model has no residual margin")]
     data = read_measurements(files_of(list(files)), states=list(model.states), inputs=list(model.inputs))
-    found = margin_of(verdict, data, Reading(hold))
+    size = bound[0] if bound is not None and len(bound) == 1 else bound
+    found = margin_of(verdict, data, Reading(hold, noise="random" if bound is None else "bounded", bound=size))
     return found.to_dict(), [("of the plant", str(found))]
 
 

@@ -165,7 +165,8 @@ def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMarg
     if random:
         away = np.abs(columns @ found.theta - model.rhs(x, u)) + found.band(columns, nominal)
     else:
-        away = bounded_band(windows, used, _bound(asked.bound, model), model, x, u, columns)
+        at, away = bounded_band(windows, used, _bound(asked.bound, model), model, x, u, columns)
+        x = x[at]
     size = np.linalg.norm((away / margin.width)[:, used.any(axis=0)], axis=1)
     distance = np.linalg.norm((x - margin.certificate.operating_point) / margin.width, axis=1)
     beyond = size**2 - (margin.delta * distance) ** 2
