@@ -31,6 +31,15 @@ def test_tables_stand_among_functions_on_the_command_line(here: Path) -> None:
     assert [f.text for term in model.terms for f in term.f] == [table, "tanh(x)"]
 
 
+def test_learned_functions_on_the_command_line(here: Path) -> None:
+    """--functions "x,pwl" learns what the Python interface learns, and writes it as tables."""
+    assert cli.main([*IDENTIFY, "--ridge", "0.01", "--functions", "x,pwl"]) == 0
+    data = ps.read_csv("data.csv", states=["x1", "x2"], inputs=["u"])
+    fit = ps.PersidskiiIdentifier(functions=["x", "pwl"], ridge=0.01).fit(data)
+    assert ps.load_model("m.json").sha256 == fit.model_.sha256
+    assert all(f.table is not None for term in fit.model_.terms for f in term.f)
+
+
 BROKEN = {
     "missing column": ("t,x1,u\n0,1,0\n1,2,0\n", "there is no column 'x2'"),
     "repeated time": ("t,x1,x2,u\n0,1,1,0\n0,2,2,0\n1,2,2,0\n", "row 3, column 't': time 0 is repeated"),

@@ -104,7 +104,8 @@ def bootstrap(
         raise DataError(f"count = {count}; needed is at least one refit")
     rng = np.random.default_rng(seed)
     draws = rng.multinomial(len(grams), np.full(len(grams), 1 / len(grams)), size=count)
-    thetas = [sparse_coefficients(weighted(grams, draw.tolist()), fit.ridge_, fit.threshold) for draw in draws]
+    how: dict[str, Any] = {"ridge": fit.ridge_, "share": fit.threshold, "monotone": fit.monotone}
+    thetas = [sparse_coefficients(weighted(grams, draw.tolist()), **how) for draw in draws]
     models = [fit.basis_.model(theta, domain=fit.model_.domain) for theta in thetas]
     answers = certify_many(models, engine=engine, jobs=jobs, scheduler=scheduler, progress=progress, **question)
     done = [k for k, answer in enumerate(answers) if not was_interrupted(answer)]

@@ -114,7 +114,7 @@ def _smaller(functions: Dictionary) -> Iterator[Dictionary]:
 def _rescaled(functions: Dictionary) -> Iterator[Dictionary]:
     """Yield the sets with the argument of one function stretched or compressed."""
     for name in dict.fromkeys(f for row in functions for f in row):
-        if not re.fullmatch(r"x(\*\*[\d.]+)?", name):  # the scale of a power is its coefficient
+        if not re.fullmatch(r"x(\*\*[\d.]+)?|pwl", name):  # a power's scale is its coefficient, pwl has those of data
             for factor in FACTORS:
                 other = rescaled(name, factor)
                 yield tuple(tuple(other if f == name else f for f in row) for row in functions)

@@ -153,6 +153,8 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             raise DataError(
                 'a fit under the certificate is one in continuous time; certify the model of time="discrete"'
             )
+        if estimator.monotone:
+            raise DataError("a fit under the certificate does not keep monotone=True; certify the free fit instead")
         given = {"X": X, "y": y, "u": u, "t": t, "dt": dt}
         self.free_ = clone(estimator).fit(**given)
         data = self.free_._known(X, u=u, t=t, dt=dt)

@@ -247,7 +247,7 @@ appending = together(
 )  # fmt: skip
 fitting = together(
     click.option("--functions", type=Functions(), default="x,x**3,sinh(x),tanh(x)", show_default=True,
-                 help='Functions of the states; "f,g; h" gives one list a state.'),
+                 help='Functions of the states; "f,g; h" gives one list a state; pwl is learned from the data.'),
     click.option("--ridge", type=Ridge(), default="auto", show_default=True,
                  help="Strength of the ridge on scaled columns; auto chooses it by validation. More ridge is easier "
                       "to certify and fits less well."),

@@ -60,7 +60,9 @@ class Basis:
         """The columns in order; `columns[j].name` is the name of feature j."""
         linear = [Column("linear", self.states[i], i) for i in self._linear]
         functions = [
-            Column("function", _named(f.text, self._argument(i, re.fullmatch(r"\w+\(x\)", f.text) is not None)), i, j)
+            Column(
+                "function", _named(f.text, self._argument(i, re.fullmatch(r"\w+\(x(;.*)?\)", f.text) is not None)), i, j
+            )
             for j, term in enumerate(self.terms)
             for i, f in enumerate(term)
             if f
@@ -190,7 +192,7 @@ def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", sc
         DataError: functions, x_ref or scale do not fit the states.
     """
     n = len(data.states)
-    lists = _per_state(functions, n)
+    lists = per_state(functions, n)
     found = data.moments
     x, u = found.of(slice(n)), found.of(slice(n, None))
     reference = reference_point(x) if is_auto(x_ref) else _vector("x_ref", x_ref, n)
@@ -204,7 +206,8 @@ def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", sc
     return Basis(data.states, data.inputs, linear, terms, reference, typical_input(u), sizes)
 
 
-def _per_state(functions: Functions, n: int) -> list[list[str]]:
+def per_state(functions: Functions, n: int) -> list[list[str]]:
+    """Return the list of functions of each of n states."""
     if isinstance(functions, str) or not len(functions):
         raise DataError('functions needs a list such as ["x", "tanh(x)"], or one such list per state')
     if all(isinstance(f, str) for f in functions):

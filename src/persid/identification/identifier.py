@@ -1,10 +1,8 @@
 """PersidskiiIdentifier: measurements -> PersidskiiModel, in scikit-learn's shape."""
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib import metadata
 from typing import Any, cast
 
 import numpy as np
@@ -23,7 +21,9 @@ from persid.identification.diagnostics import FitReport
 from persid.identification.estimators import estimator
 from persid.identification.gram import Gram, refuse_underdetermined
 from persid.identification.koopman import sample_step
+from persid.identification.learned import KNOTS, USUAL, learns, simplest
 from persid.identification.options import check_options, refuse_in_memory_only
+from persid.identification.provenance import provenance
 from persid.identification.recursion import RECURSION, choose_stride
 from persid.identification.regressions import Estimator, Options, Problem, Solution, sparse_coefficients
 from persid.identification.scaling import choose_basis
@@ -54,6 +54,7 @@ from persid.models.equations import equations
 
 FUNCTIONS = ("x", "x**3", "sinh(x)", "tanh(x)")
 _STEPS = "discrete time: a step is {stride} sample(s), {dt:.4g} s"
+_LEARNED = "learned functions: piecewise linear, {knots} knots a state"
 FALLBACK_RIDGE = 1e-3  # where a single short run leaves nothing to validate on
 _OUT_OF_CORE = (
     "read chunk by chunk, {size}: moments and sums are over all samples; the window is chosen on the beginnings of at "
@@ -71,7 +72,10 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     Paper: F_x_approximation (Sec. 4.1).
 
-    functions: expressions in x, one list for all states or one list a state; "x" is the linear part.
+    functions: expressions in x, one list for all states or one list a state; "x" is the linear part, "pwl" stands for
+        functions of each state that are learned: piecewise linear, 0 at x_ref, their knots at quantiles of the data.
+    knots: of learned functions, "auto" (3, 6 or 9, by blocked validation) or a number.  monotone: whether each of them,
+        with its linear part, only rises or only falls.
     method: "weak" (integrals, Simpson; the default), "derivative" (smoothed finite differences, or x' given as y of
         `fit`) or "edmd" (the paper's Koopman road).
     ridge: "auto" (blocked validation on the free-run error) or a strength relative to columns of mean square 1;
@@ -109,6 +113,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self,
         functions: Functions = FUNCTIONS,
         *,
+        knots: int | str = "auto",
+        monotone: bool = False,
         method: str = "weak",
         ridge: float | int | str = "auto",
         instruments: bool = False,
@@ -132,6 +138,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         allow_underdetermined: bool = False,
     ) -> None:
         self.functions = functions
+        self.knots = knots
+        self.monotone = monotone
         self.method = method
         self.ridge = ridge
         self.instruments = instruments
@@ -175,18 +183,18 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         measured = without_still_inputs(given)
         data = self._embedded(measured)
         self.stride_ = self._strides(data)
-        problem = self._problem(data, y, self.stride_)
-        solution = self._solve(problem)
+        problem, solution = self._best(data, y)
         self._remember(given, X)
         self._moving = [given.inputs.index(name) for name in measured.inputs]
         self.basis_, self.gram_, self.window_ = problem.basis, solution.gram, problem.regression.window
         self.blocks_ = tuple(solution.blocks.values())
         self.ridge_, self.velocities_ = solution.ridge, self._velocities(data)
         self.coef_ = solution.theta.T
-        steps = (_STEPS.format(stride=self.stride_, dt=problem.basis.dt),) if problem.basis.dt is not None else ()
+        steps = [_STEPS.format(stride=self.stride_, dt=problem.basis.dt)] if problem.basis.dt is not None else []
+        steps += [] if self.knots_ is None else [_LEARNED.format(knots=self.knots_)]
         self.report_ = self._report(problem, solution, (*data.notes, *notes, *steps))
         self.model_ = problem.basis.model(
-            solution.theta, domain=problem.box, provenance=_provenance(self, measured, self.report_)
+            solution.theta, domain=problem.box, provenance=provenance(measured, self.report_)
         )
         return self
 
@@ -230,19 +238,35 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         embedded = bool(self.derivatives or self.delays)
         return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded, self.instruments)
 
-    def _problem(self, data: Measurements, y: Any, stride: int = 1) -> Problem:
+    def _best(self, data: Measurements, y: Any) -> tuple[Problem, Solution]:
+        """Return the problem and its solution; of numbers of knots the smallest that foretells about as well as any."""
+        if not learns(self.functions):
+            counts: Sequence[int] = (USUAL,)
+        elif self.knots != "auto":
+            counts = (int(self.knots),)
+        else:
+            counts = KNOTS if self.ridge == "auto" and self._estimator.additive else (USUAL,)
+        problems = (self._problem(data, y, self.stride_, count) for count in counts)
+        tried = [(problem, self._solve(problem)) for problem in problems]
+        curves = [solution.curve for _, solution in tried]
+        best = simplest([min(curve.errors) for curve in curves if curve]) if all(curves) else 0
+        self.knots_ = counts[best] if learns(self.functions) else None
+        return tried[best]
+
+    def _problem(self, data: Measurements, y: Any, stride: int = 1, knots: int = USUAL) -> Problem:
         if self.time == "discrete" and isinstance(data, Trajectories):
-            return self._stepped_problem(data, stride)
-        basis = choose_basis(data, self.functions, self.x_ref, self.scale)
+            return self._stepped_problem(data, stride, knots)
+        basis = choose_basis(data, self.functions, self.x_ref, self.scale, None, knots, self.shared)
         structure = make_structure(basis, self.pattern, self.shared, self.constant, self._velocities(data))
         parts = partition(data, self.holdout)
         regression = self._estimator.regression(data, basis, parts, self._options(y))
         return Problem(data, basis, structure, parts, blocks(parts, _blocks(basis)), regression)
 
-    def _stepped_problem(self, data: Trajectories, stride: int) -> Problem:
+    def _stepped_problem(self, data: Trajectories, stride: int, knots: int) -> Problem:
         """Return the problem of a recursion: scored on every stride-th sample, fitted to all of them."""
         seen = strided(data, stride)
-        basis = choose_basis(seen, self.functions, self.x_ref, self.scale, stride * sample_step(data))
+        dt = stride * sample_step(data)
+        basis = choose_basis(seen, self.functions, self.x_ref, self.scale, dt, knots, self.shared)
         structure = make_structure(basis, self.pattern, self.shared, self.constant, {})
         parts = partition(seen, self.holdout)
         regression = self._estimator.regression(side_by_side(data, stride), basis, parts, self._options())
@@ -267,7 +291,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             curve = validation_curve(problem.data, problem.parts, folds, problem.box, self.hold)
         ridge = self._strength(curve)
         gram = problem.solvable(gram, ridge)
-        theta = sparse_coefficients(gram, ridge, self.threshold)
+        theta = sparse_coefficients(gram, ridge, self.threshold, monotone=self.monotone)
         theta = self._refined(problem.data, theta, gram, ridge)
         return Solution(theta, self._held_out(problem, folds, ridge), gram, grams, ridge, curve)
 
@@ -290,7 +314,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             problem = replace(problem, regression=regression, parts=parts, blocks=rest)
             kept = list(problem.grams().values())
         gram = problem.solvable(total(kept), ridge, tails=False)
-        theta = sparse_coefficients(gram, ridge, self.threshold)
+        theta = sparse_coefficients(gram, ridge, self.threshold, monotone=self.monotone)
         return self._refined(problem.data, theta, gram, ridge, parts)
 
     def _refined(
@@ -417,31 +441,6 @@ def _tail_scores(
     poor = free.blow_ups or not free.r2_mean >= 0
     foretold = held_out_scores(model, held, Record.of(problem.data), hold=hold) if poor else None
     return free, freerun.score(after, guess), diagnostics.whiteness(after - guess), foretold
-
-
-def _version() -> str:
-    try:
-        return metadata.version("persid")
-    except metadata.PackageNotFoundError:  # run from a source tree
-        return "unknown"
-
-
-def _digest(data: Measurements) -> str:
-    """Return a hash of the samples; of recordings, that of their chunks."""
-    if isinstance(data, Recordings):
-        return data.digest
-    digest = hashlib.sha256()
-    for run in data:
-        for part in (run.t, run.x, run.u):
-            digest.update(np.ascontiguousarray(part).data)
-    return digest.hexdigest()
-
-
-def _provenance(estimator: PersidskiiIdentifier, data: Measurements, report: FitReport) -> dict[str, Any]:
-    figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
-    if report.free_run is not None:
-        figures |= {"free_run_rmse": report.free_run.rmse, "free_run_r2": report.free_run.r2_mean}
-    return {"persid": _version(), "method": report.method, "data_sha256": _digest(data), **figures}
 
 
 def _blocks(basis: Basis) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 
 from persid.errors import DataError
 from persid.identification.estimators import METHODS
+from persid.identification.learned import learns
 
 HOLDS = ("zoh", "paper")
 TIMES = ("continuous", "discrete")
@@ -28,6 +29,20 @@ def _check_steps(estimator: Any) -> None:
         raise DataError(f'{odd[0]}={given!r} goes with continuous time; leave it out with time="discrete"')
 
 
+def _check_learned(estimator: Any) -> None:
+    """Refuse options of learned functions that cannot be kept."""
+    knots = estimator.knots
+    if knots != "auto" and (isinstance(knots, bool) or not isinstance(knots, int | np.integer) or not 1 <= knots <= 60):
+        raise DataError(f'knots={knots!r}; needed is "auto" or a number from 1 to 60')
+    if not estimator.monotone:
+        return
+    if not learns(estimator.functions):
+        raise DataError('monotone=True is said of learned functions; add "pwl" to functions=')
+    wrong = [name for name in ("shared", "refine", "threshold", "instruments") if getattr(estimator, name)]
+    if wrong:
+        raise DataError(f"{wrong[0]}= does not keep learned functions monotone; leave it or monotone= out")
+
+
 def check_options(estimator: Any) -> None:
     """Refuse options of a PersidskiiIdentifier that are none, or do not go together.
 
@@ -46,6 +61,7 @@ def check_options(estimator: Any) -> None:
         raise DataError(f'window={window!r}; needed is "auto" or an even number of samples (Simpson\'s rule)')
     if estimator.instruments and not estimator._estimator.instruments:
         raise DataError(f'instruments=True goes with method="weak"; given {estimator.method!r}')
+    _check_learned(estimator)
     if not 0 <= estimator.holdout <= 0.5:
         raise DataError(f"holdout={estimator.holdout!r}; needed is a share from 0 to 0.5")
     if estimator.threshold is not None and not 0 <= estimator.threshold < 1:

@@ -19,6 +19,7 @@ from persid.identification.gram import (
     triangle,
     with_root,
 )
+from persid.identification.monotone import of_one_sign
 from persid.identification.structure import Structure
 from persid.identification.validation import Curve
 from persid.measurements.boxes import box_of
@@ -119,13 +120,19 @@ def _triangle(segment: Trajectory, count: int, rows: RowsOf) -> Triangle:
     return triangle(rows(segment, count))
 
 
-def sparse_coefficients(gram: Gram, ridge: float, share: float | None) -> Float[ndarray, "p n"]:
+def sparse_coefficients(
+    gram: Gram, ridge: float, share: float | None, *, monotone: bool = False
+) -> Float[ndarray, "p n"]:
     """Return the ridge fit; coefficients below `share` of the largest scaled one are set to 0, the rest fitted again.
+
+    With `monotone` it is the fit whose learned functions only rise or only fall, and there is no share.
 
     A negative coefficient of a state's own function in its own equation is never dropped: it is the damping that a
     Lyapunov function lives on.
     """
     theta = gram.solve(ridge)
+    if monotone:
+        return of_one_sign(gram, theta, ridge)
     for _ in range(MOST_THRESHOLDS if share else 0):
         small = _small(gram, theta, share or 0.0)
         if not (small & (gram.structure.parameter >= 0)).any():

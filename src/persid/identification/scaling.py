@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from persid.identification.basis import Basis, Functions, is_auto, make_basis
+from persid.identification.basis import Basis, Functions, is_auto, make_basis, per_state
 from persid.identification.increments import increments, left_over
+from persid.identification.learned import USUAL, learns, with_ramps, without
 from persid.identification.recursion import moves
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings
@@ -23,13 +24,18 @@ LONGEST = 2000  # samples of a run, of at most 20, that are looked at
 
 
 def choose_basis(
-    data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto", dt: float | None = None
-) -> Basis:
+    data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto", dt: float | None = None,
+    knots: int = USUAL, alike: bool = False,
+) -> Basis:  # fmt: skip
     """Return the basis with the automatic scales, or with scale 1 where that is exact; of a step where dt is given.
+
+    Functions that are learned have so many knots; with `alike`, all states the same ones.
 
     Raises:
         DataError: functions, x_ref or scale do not fit the states.
     """
+    if learns(functions):
+        return replace(_learned(data, functions, x_ref, scale, knots, alike), dt=dt)
     scaled = replace(make_basis(data, functions, x_ref, scale), dt=dt)
     if not is_auto(scale) or (scaled.scale == 1).all() or not scaled.terms or scaled.size > MOST_COLUMNS:
         return scaled
@@ -43,3 +49,13 @@ def choose_basis(
         if residual < left:
             best, left = written, EXACT * residual
     return best
+
+
+def _learned(data: Measurements, functions: Functions, x_ref: Any, scale: Any, count: int, alike: bool) -> Basis:
+    """Return the basis with ramps, in arguments of order 1 whatever else stands beside them."""
+    lists = per_state(functions, len(data.states))
+    plain = make_basis(data, [without(names) for names in lists], x_ref, scale)
+    y = (np.concatenate([run.x for run in beginnings(data, LONGEST)]) - plain.x_ref) / plain.scale
+    seen = [y.ravel() if alike else y[:, i] for i in range(len(lists))]
+    found = [with_ramps(names, column, count) for names, column in zip(lists, seen, strict=True)]
+    return make_basis(data, found, plain.x_ref, plain.scale)
