@@ -11,6 +11,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +46,9 @@ def asked(problem: Published, time_limit: float) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Ask every problem, print its row, and keep all of them where no problem was named."""
+    """Ask problems, print their rows, and put these into the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", help="parts of names; without them every problem")
+    parser.add_argument("names", nargs="*", help="parts of names; the rows of other problems stay as they are")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "benchmarks" / "results" / "published.json")
     parser.add_argument("--time-limit", type=float, default=60.0)
     chosen, rows = parser.parse_args(), []
@@ -61,9 +62,17 @@ def main() -> None:
             f"{row['problem']:50.50s} {row['what']:28s} {row['now']:9.4g}  {row['seconds']:5.1f} s  {beside}",
             flush=True,
         )
-    if not chosen.names:
-        content = {"version": ps.__version__, "rows": rows}
-        chosen.output.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    content = {"version": ps.__version__, "rows": [*merged(chosen.output, rows)]}
+    chosen.output.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def merged(path: Path, rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of all problems, those that were not asked from the file, in the order of the problems."""
+    kept = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
+    found = {row["problem"]: row for row in (*kept, *rows)}
+    for problem in PUBLISHED:
+        if problem.name in found:
+            yield found[problem.name] | {"source": problem.source}
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from persid.verdicts.certify import certify as certify
     from persid.verdicts.checking import check as check
     from persid.verdicts.checking import load_certificate as load_certificate
+    from persid.verdicts.trade import rates_and_gains as rates_and_gains
     from persid.verdicts.verdict import Certified as Certified
     from persid.verdicts.verdict import Refuted as Refuted
     from persid.verdicts.verdict import Undecided as Undecided
@@ -59,6 +60,7 @@ _HOMES = {
     "persid.certified_fits.bootstrap": ("Bootstrap", "bootstrap"),
     "persid.certificates.certificate": ("Certificate",),
     "persid.verdicts.certify": ("certify",),
+    "persid.verdicts.trade": ("rates_and_gains",),
     "persid.verdicts.verdict": ("Certified", "Refuted", "Undecided"),
     "persid.verdicts.checking": ("check", "load_certificate"),
     "persid.certified_fits.identifier": ("CertifiedIdentifier",),
@@ -143,6 +145,7 @@ __all__ = [
     "open_recordings",
     "plant_margin",
     "plots",
+    "rates_and_gains",
     "read_csv",
     "read_measurements",
     "read_parquet",

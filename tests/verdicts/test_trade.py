@@ -1,6 +1,7 @@
 """The trade of a rate against a gain: the best proved rate, the rate of the certificate, and one that is asked for."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -99,3 +100,21 @@ def test_the_command_line_tells_both_rates(
     assert 0.7 <= told["rate"] < told["best_rate"]
     assert cli.main([*asked, "9"]) == 0
     assert "a rate of 9 1/s was asked for; the best proved rate is 0.7" in capsys.readouterr().out
+
+
+def test_a_curve_of_rates_and_gains_rises(model: ps.PersidskiiModel) -> None:
+    """Of x' = -x + u every certificate of the curve lies on kappa (2 - kappa) = 1/gain^2, from gain 1 on."""
+    curve = ps.rates_and_gains(model, count=4)
+    assert len(curve) == 4
+    assert all(a.rate < b.rate and a.gain < b.gain for a, b in pairwise(curve))
+    for each in curve[:-1]:  # that of the best rate is not sought for its gain
+        assert each.gain == pytest.approx((4 * each.rate * (1 - each.rate)) ** -0.5, rel=0.05)
+        assert isinstance(ps.check(each), ps.Accepted)
+
+
+def test_a_model_without_a_rate_has_no_curve() -> None:
+    """Of what is refuted, and of what is stable without a rate, nothing is returned; one rate is no curve."""
+    assert ps.rates_and_gains(ps.PersidskiiModel([[1.0]], [], [[1.0]])) == ()
+    assert ps.rates_and_gains(ps.PersidskiiModel([[0.0]], [("x**3", None, [[-1.0]])], [[1.0]])) == ()
+    with pytest.raises(ModelError, match="2 rates at least"):
+        ps.rates_and_gains(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), count=1)
