@@ -64,7 +64,7 @@ def _longest(data: bytes) -> int:
 HEAD = 200  # bytes in which a file of format 2 names its format, if its length is to be refused before it is parsed
 
 
-def _proved(content: Any, size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None) -> Accepted:
+def _proved(content: object, size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None) -> Accepted:
     """Each kind of file by its own road. The ledger needs no other room, so none is read before it is asked for."""
     stated: Mapping[str, Any] = content if isinstance(content, dict) else {}
     claim = stated.get("claim")

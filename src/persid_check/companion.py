@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from persid_check.results import FormatError, NotProvedError
 
@@ -24,7 +24,7 @@ _PREFIX = b"\x93NUMPY\x01\x00"
 Arrays = Mapping[str, "ndarray"]
 
 
-def load(entry: Any, where: str, folder: Path | None, data: bytes | None = None) -> Arrays:
+def load(entry: object, where: str, folder: Path | None, data: bytes | None = None) -> Arrays:
     """Return the arrays of a companion {"npz": name, "sha256": digits}, from a folder or from its bytes.
 
     Raises:

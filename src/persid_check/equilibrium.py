@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import Any
 
 from flint import arb, arb_mat, ctx
 
@@ -26,7 +25,7 @@ PRODUCTS = 16  # of balls in a product of matrices, that a step counts for
 Vector = Sequence[Fraction]
 
 
-def prove_equilibrium(data: Mapping[str, Any], x: Vector, u: Vector) -> Fraction | None:
+def prove_equilibrium(data: Mapping[str, object], x: Vector, u: Vector) -> Fraction | None:
     """Return a radius r such that exactly one equilibrium for the constant input u lies in |x* - x|_inf <= r, or None.
 
     The radius 0 means that x itself is an equilibrium, exactly. In discrete time equilibria are fixed points.

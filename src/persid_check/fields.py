@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 from persid_check.results import FormatError
 
@@ -13,7 +12,7 @@ REQUIRED = {"format", "states", "terms", "B"}
 _ZERO = (0.0).hex()
 
 
-def refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], required: set[str]) -> None:
+def refuse_fields(where: str, data: Mapping[str, object], known: tuple[str, ...], required: set[str]) -> None:
     """Refuse an object with another field, or without a required one."""
     for name in data:
         if name not in known:
@@ -23,7 +22,7 @@ def refuse_fields(where: str, data: Mapping[str, Any], known: tuple[str, ...], r
             raise FormatError(where, f"the field {name!r} is missing")
 
 
-def read_names(where: str, names: Any) -> list[str]:
+def read_names(where: str, names: object) -> list[str]:
     """Return names, each once."""
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise FormatError(where, "a list of names is needed")
@@ -32,7 +31,7 @@ def read_names(where: str, names: Any) -> list[str]:
     return list(names)
 
 
-def read_clock(data: Mapping[str, Any]) -> dict[str, str]:
+def read_clock(data: Mapping[str, object]) -> dict[str, str]:
     """Return `time` and `dt` (s) of a model in discrete time in canonical form, nothing for one in continuous time."""
     time, dt = data.get("time", "continuous"), data.get("dt")
     if time not in ("continuous", "discrete"):
@@ -47,7 +46,7 @@ def read_clock(data: Mapping[str, Any]) -> dict[str, str]:
     return {"time": "discrete", "dt": step}
 
 
-def read_vector(where: str, values: Any, size: int) -> list[str]:
+def read_vector(where: str, values: object, size: int) -> list[str]:
     """Return numbers in canonical form, zeros where none are given."""
     if values is None:
         return [_ZERO] * size
@@ -56,7 +55,7 @@ def read_vector(where: str, values: Any, size: int) -> list[str]:
     return [_hex(where, value) for value in values]
 
 
-def read_matrix(where: str, rows: Any, height: int, width: int) -> list[list[str]]:
+def read_matrix(where: str, rows: object, height: int, width: int) -> list[list[str]]:
     """Return rows of numbers in canonical form, zeros where none are given."""
     if rows is None:
         return [[_ZERO] * width for _ in range(height)]
@@ -65,7 +64,7 @@ def read_matrix(where: str, rows: Any, height: int, width: int) -> list[list[str
     return [read_vector(f"{where}[{i}]", [] if row is None else row, width) for i, row in enumerate(rows)]
 
 
-def _hex(where: str, value: Any) -> str:
+def _hex(where: str, value: object) -> str:
     """One number as float.hex() text; minus zero becomes zero."""
     if isinstance(value, str):
         return _hex_text(where, value)

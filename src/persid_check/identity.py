@@ -31,7 +31,7 @@ def meant(data: Any, folder: Path | None) -> Meant:
     return Meant(model_sha256(data, folder))
 
 
-def require_same(form: Mapping[str, Any], stated: str, wanted: Meant | None, outputs: str | None = None) -> None:
+def require_same(form: Mapping[str, object], stated: str, wanted: Meant | None, outputs: str | None = None) -> None:
     """Refuse a certificate that states a false hash, or is about another model; `outputs` is its hash of both.
 
     Raises:

@@ -90,7 +90,7 @@ class Model:
         return len(self.inputs)
 
 
-def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
+def canonical_model(data: Mapping[str, object], folder: Path | None = None) -> dict[str, Any]:
     """Return the canonical form: all fields present, every number a float.hex() string, no provenance.
 
     A canonical form is returned unchanged. A large model with sparse matrices, whose companions stand in `folder`, has
@@ -130,7 +130,7 @@ def canonical_model(data: Mapping[str, Any], folder: Path | None = None) -> dict
     } | read_clock(data)
 
 
-def holds_objects(data: Mapping[str, Any]) -> bool:
+def holds_objects(data: Mapping[str, object]) -> bool:
     """Whether a matrix or a vector is given as an object: sparse, or in a companion."""
     terms = data.get("terms")
     parts = [data.get(name) for name in ("A0", "B", "x_ref", "b", "domain")]
@@ -139,7 +139,7 @@ def holds_objects(data: Mapping[str, Any]) -> bool:
     return any(isinstance(part, Mapping) for part in parts)
 
 
-def model_sha256(data: Mapping[str, Any], folder: Path | None = None) -> str:
+def model_sha256(data: Mapping[str, object], folder: Path | None = None) -> str:
     """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces.
 
     Examples:
@@ -150,13 +150,13 @@ def model_sha256(data: Mapping[str, Any], folder: Path | None = None) -> str:
     return sha256_of(canonical_model(data, folder))
 
 
-def sha256_of(form: Mapping[str, Any]) -> str:
+def sha256_of(form: Mapping[str, object]) -> str:
     """Return the SHA-256 of a canonical form."""
     text = json.dumps(form, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def read_model(data: Mapping[str, Any], *, discrete: bool = False) -> Model:
+def read_model(data: Mapping[str, object], *, discrete: bool = False) -> Model:
     """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly; see `model_of`."""
     return model_of(canonical_model(data), discrete=discrete)
 
@@ -189,7 +189,7 @@ def model_of(form: Mapping[str, Any], *, discrete: bool = False) -> Model:
     return Model(tuple(form["states"]), tuple(form["inputs"]), x_ref, u_ref, rows, tuple(channels), B, b, dt)
 
 
-def groups(data: Mapping[str, Any]) -> tuple[Group, ...]:
+def groups(data: Mapping[str, object]) -> tuple[Group, ...]:
     """Return the groups of a model object: a channel joins the first group whose row is a positive multiple."""
     return groups_of(read_model(data))
 
@@ -231,7 +231,7 @@ def _floats(rows: list[list[str]]) -> list[list[float]]:
     return [[float.fromhex(value) for value in row] for row in rows]
 
 
-def _terms(terms: Any, n: int) -> list[dict[str, Any]]:
+def _terms(terms: object, n: int) -> list[dict[str, Any]]:
     if not isinstance(terms, list) or len(terms) > MAX_CHANNELS:
         raise FormatError("model.terms", f"a list of at most {MAX_CHANNELS} terms is needed")
     if sum(_channels(term, n) for term in terms) > MAX_CHANNELS:  # before zeros are written for any of them
@@ -239,13 +239,13 @@ def _terms(terms: Any, n: int) -> list[dict[str, Any]]:
     return [_term(f"model.terms[{i}]", term, n) for i, term in enumerate(terms)]
 
 
-def _channels(term: Any, n: int) -> int:
+def _channels(term: object, n: int) -> int:
     """How many channels a term says that it has, one at least."""
     R = term.get("R") if isinstance(term, Mapping) else ()
     return n if R is None else max(1, len(R)) if isinstance(R, list) else 1
 
 
-def _term(where: str, term: Any, n: int) -> dict[str, Any]:
+def _term(where: str, term: object, n: int) -> dict[str, Any]:
     if not isinstance(term, Mapping):
         raise FormatError(where, "an object with f, R and A is needed")
     refuse_fields(where, term, ("f", "R", "A"), {"f", "A"})

@@ -41,7 +41,7 @@ def rows_of(rows: Sequence[Sequence[str]]) -> tuple[tuple[Fraction, ...], ...]:
     return tuple(tuple(Fraction(float.fromhex(text)) for text in row) for row in rows)
 
 
-def output_sha256(data: Any, folder: Path | None = None) -> str:
+def output_sha256(data: object, folder: Path | None = None) -> str:
     """Return the hash of an output model, plain or canonical: of its dynamics and outputs.
 
     Raises:
@@ -57,7 +57,7 @@ def output_sha256(data: Any, folder: Path | None = None) -> str:
     return sha256_of({"format": FORMAT, "dynamics": dynamics, **form})
 
 
-def canonical_outputs(data: Mapping[str, Any], n: int, m: int) -> dict[str, Any]:
+def canonical_outputs(data: Mapping[str, object], n: int, m: int) -> dict[str, Any]:
     """Return the outputs of an output model in canonical form: all fields, every number a float.hex() string.
 
     Raises:
@@ -76,18 +76,18 @@ def canonical_outputs(data: Mapping[str, Any], n: int, m: int) -> dict[str, Any]
     }
 
 
-def _rows(where: str, value: Any, height: int, width: int) -> list[list[str]]:
+def _rows(where: str, value: object, height: int, width: int) -> list[list[str]]:
     rows = [None] * height if value is None else _listed(where, value, height)
     return [read_vector(f"{where}[{i}]", row, width) for i, row in enumerate(rows)]
 
 
-def _listed(where: str, value: Any, size: int) -> list[Any]:
+def _listed(where: str, value: object, size: int) -> list[Any]:
     if not isinstance(value, list) or len(value) != size:
         raise FormatError(where, f"a list of {size} is needed")
     return value
 
 
-def _maps(value: Any, count: int) -> list[str] | None:
+def _maps(value: object, count: int) -> list[str] | None:
     if value is None:
         return None
     texts = _listed("outputs.output_map", value, count)

@@ -30,7 +30,7 @@ class Ball:
     u: tuple[Fraction, ...]
 
 
-def require_fields(where: str, data: Mapping[str, Any], known: Sequence[str]) -> None:
+def require_fields(where: str, data: Mapping[str, object], known: Sequence[str]) -> None:
     """Refuse an object that lacks a known field or has another one."""
     for name in data:
         if name not in known:
@@ -40,21 +40,21 @@ def require_fields(where: str, data: Mapping[str, Any], known: Sequence[str]) ->
             raise FormatError(where, f"the field {name!r} is missing")
 
 
-def read_text(where: str, value: Any, longest: int) -> str:
+def read_text(where: str, value: object, longest: int) -> str:
     """Return a text that is not too long."""
     if not isinstance(value, str) or len(value) > longest:
         raise FormatError(where, f"text of at most {longest} characters is needed")
     return value
 
 
-def read_list(where: str, value: Any, size: int | None = None) -> list[Any]:
+def read_list(where: str, value: object, size: int | None = None) -> list[Any]:
     """Return a list, of a given length where one is given."""
     if not isinstance(value, list) or (size is not None and len(value) != size):
         raise FormatError(where, "a list is needed" if size is None else f"a list of {size} is needed")
     return value
 
 
-def read_object(where: str, value: Any, known: Sequence[str]) -> dict[str, Any]:
+def read_object(where: str, value: object, known: Sequence[str]) -> dict[str, Any]:
     """Return an object of exactly the known fields."""
     if not isinstance(value, dict):
         raise FormatError(where, f"an object with {', '.join(known)} is needed")
@@ -62,7 +62,7 @@ def read_object(where: str, value: Any, known: Sequence[str]) -> dict[str, Any]:
     return value
 
 
-def read_integer(where: str, value: Any, bits: int) -> int:
+def read_integer(where: str, value: object, bits: int) -> int:
     """Return an integer of at most so many bits."""
     if isinstance(value, bool) or not isinstance(value, int):
         raise FormatError(where, f"an integer is needed, not {str(value)[:40]!r}")
@@ -71,7 +71,7 @@ def read_integer(where: str, value: Any, bits: int) -> int:
     return value
 
 
-def read_index(where: str, value: Any, size: int) -> int:
+def read_index(where: str, value: object, size: int) -> int:
     """Return an index into so many entries."""
     index = read_integer(where, value, 64)
     if not 0 <= index < size:
@@ -79,7 +79,7 @@ def read_index(where: str, value: Any, size: int) -> int:
     return index
 
 
-def read_dyadic(where: str, value: Any) -> Fraction:
+def read_dyadic(where: str, value: object) -> Fraction:
     """Return the number mantissa * 2**exponent of a pair."""
     pair = read_list(where, value, 2)
     mantissa, exponent = read_integer(where, pair[0], MAX_BITS), read_integer(where, pair[1], 64)
@@ -88,12 +88,12 @@ def read_dyadic(where: str, value: Any) -> Fraction:
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
-def read_dyadics(where: str, values: Any, size: int | None) -> tuple[Fraction, ...]:
+def read_dyadics(where: str, values: object, size: int | None) -> tuple[Fraction, ...]:
     """Return a list of such numbers."""
     return tuple(read_dyadic(f"{where}[{i}]", value) for i, value in enumerate(read_list(where, values, size)))
 
 
-def read_nonnegative(where: str, value: Any) -> Fraction:
+def read_nonnegative(where: str, value: object) -> Fraction:
     """Return a dyadic that is at least 0."""
     number = read_dyadic(where, value)
     if number < 0:
@@ -101,26 +101,26 @@ def read_nonnegative(where: str, value: Any) -> Fraction:
     return number
 
 
-def read_lower(where: str, rows: Any, size: int) -> Lower:
+def read_lower(where: str, rows: object, size: int) -> Lower:
     """Return the lower rows of a symmetric matrix."""
     return tuple(read_dyadics(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, rows, size)))
 
 
-def read_P(value: Any, n: int) -> tuple[bool, Lower]:
+def read_P(value: object, n: int) -> tuple[bool, Lower]:
     """Return whether P is diagonal, and its lower rows, of one entry where it is."""
     if isinstance(value, dict) and set(value) == {"diagonal"}:
         return True, tuple((entry,) for entry in read_dyadics("P.diagonal", value["diagonal"], n))
     return False, read_lower("P.lower", read_object("P", value, ("lower",))["lower"], n)
 
 
-def read_gamma(value: Any, width: int) -> Fraction | Lower:
+def read_gamma(value: object, width: int) -> Fraction | Lower:
     """Return gamma, or the lower rows of Gamma."""
     if isinstance(value, dict):
         return read_lower("gamma.lower", read_object("gamma", value, ("lower",))["lower"], width)
     return read_dyadic("gamma", value)
 
 
-def read_dropped(value: Any, size: int) -> tuple[int, ...]:
+def read_dropped(value: object, size: int) -> tuple[int, ...]:
     """Return indices of entries, each once."""
     entries = tuple(read_index(f"dropped[{i}]", entry, size) for i, entry in enumerate(read_list("dropped", value)))
     if len(set(entries)) != len(entries):
@@ -128,17 +128,17 @@ def read_dropped(value: Any, size: int) -> tuple[int, ...]:
     return entries
 
 
-def read_integers(where: str, values: Any, size: int) -> tuple[int, ...]:
+def read_integers(where: str, values: object, size: int) -> tuple[int, ...]:
     """Return a row of a factor."""
     return tuple(read_integer(where, value, MAX_FACTOR_BITS) for value in read_list(where, values, size))
 
 
-def read_factor(where: str, value: Any) -> Factor:
+def read_factor(where: str, value: object) -> Factor:
     """Return a square lower triangular matrix of integers, by its rows."""
     return tuple(read_integers(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, value)))
 
 
-def read_ball(where: str, value: Any, model: Model, u: tuple[Fraction, ...] | None = None) -> Ball:
+def read_ball(where: str, value: object, model: Model, u: tuple[Fraction, ...] | None = None) -> Ball:
     """Return a ball with its input, or one for an input that is given."""
     ball = read_object(where, value, ("x", "radius", "u") if u is None else ("x", "radius"))
     x = read_dyadics(f"{where}.x", ball["x"], model.n)
@@ -157,7 +157,7 @@ def read_written(form: Any, *, discrete: bool = False) -> Model:
     return model_of(form, discrete=discrete)
 
 
-def read_model(form: Any, *, discrete: bool = False) -> Model:
+def read_model(form: object, *, discrete: bool = False) -> Model:
     """Return such a model, of a size that one matrix can have."""
     model = read_written(form, discrete=discrete)
     if model.n + len(model.channels) > MAX_ENTRIES:
@@ -165,7 +165,7 @@ def read_model(form: Any, *, discrete: bool = False) -> Model:
     return model
 
 
-def _refuse_unwritten(form: Any) -> None:
+def _refuse_unwritten(form: object) -> None:
     """Refuse null, sparse matrices and companions where a list of numbers belongs."""
     form = form if isinstance(form, dict) else {}
     terms = form.get("terms")

@@ -80,7 +80,7 @@ class SparseModel:
         }
 
 
-def gathered(data: Mapping[str, Any], folder: Path | None) -> Arrays:
+def gathered(data: Mapping[str, object], folder: Path | None) -> Arrays:
     """Return the arrays that a `model.json` object names or lists, under the names of the specification.
 
     Raises:
@@ -138,7 +138,7 @@ def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
     )
 
 
-def _refuse_many_terms(terms: Any) -> None:
+def _refuse_many_terms(terms: object) -> None:
     if not isinstance(terms, list) or len(terms) > MAX_TERMS:
         raise FormatError("model.terms", f"a list of at most {MAX_TERMS} terms is needed")
 
@@ -154,7 +154,7 @@ def _parts(data: Mapping[str, Any]) -> list[tuple[str, Any]]:
     return [*((name, data.get(name)) for name in ("A0", "B", *_VECTORS)), *inside]
 
 
-def _term(name: str, term: Any, n: int, arrays: Arrays) -> SparseTerm:
+def _term(name: str, term: object, n: int, arrays: Arrays) -> SparseTerm:
     if not isinstance(term, Mapping) or not set(term) <= {"f", "R", "A"} or not {"f", "A"} <= set(term):
         raise FormatError(f"model.{name}", "an object with f, R and A is needed")
     R, f = term.get("R"), term["f"]
@@ -176,7 +176,7 @@ def _term(name: str, term: Any, n: int, arrays: Arrays) -> SparseTerm:
     return SparseTerm(texts, rows, _columns(f"{name}.A", arrays, (n, size)), size)
 
 
-def _height(where: str, R: Any) -> int:
+def _height(where: str, R: object) -> int:
     shape = R.get("shape") if isinstance(R, Mapping) else [len(R), 0] if isinstance(R, list) else None
     if not (isinstance(shape, list) and len(shape) == 2 and type(shape[0]) is int and 1 <= shape[0] <= 8 * MAX_NODES):
         raise FormatError(where, "a matrix with its shape is needed")
@@ -229,7 +229,7 @@ def _refuse_values(where: str, values: "ndarray") -> None:
         raise FormatError(where, "finite binary64 numbers are needed")
 
 
-def _from_triplets(name: str, entry: Mapping[str, Any]) -> dict[str, "ndarray"]:
+def _from_triplets(name: str, entry: Mapping[str, object]) -> dict[str, "ndarray"]:
     """Return the three arrays of {"shape": [r, c], "coo": [[rows], [columns], [values]]}."""
     import numpy as np
 
@@ -258,7 +258,7 @@ def _from_triplets(name: str, entry: Mapping[str, Any]) -> dict[str, "ndarray"]:
     return {f"{name}.starts": starts, f"{name}.rows": rows[order], f"{name}.values": values[order]}
 
 
-def _from_lists(name: str, entry: Any) -> dict[str, "ndarray"]:
+def _from_lists(name: str, entry: object) -> dict[str, "ndarray"]:
     """Return the arrays of a vector or a matrix that is written out."""
     import numpy as np
 

@@ -23,7 +23,7 @@ class Subject:
     groups: tuple[Group, ...]
 
 
-def read_heading(data: Mapping[str, Any], fields: Sequence[str]) -> str:
+def read_heading(data: Mapping[str, object], fields: Sequence[str]) -> str:
     """Return the hash that a file states, which has all its fields and no other.
 
     Raises:

@@ -6,7 +6,6 @@ A Certificate holds the very bytes that were accepted; nothing else in persid ma
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -146,7 +145,7 @@ class Certificate:
         """Whether the bounds hold between any two solutions, so that every simulation forgets its start."""
         return "incremental" in self.further
 
-    def output_bound(self, x0: Any, u_sup: float, t: Any) -> Float[ndarray, "N l"]:
+    def output_bound(self, x0: object, u_sup: float, t: object) -> Float[ndarray, "N l"]:
         """Return an upper bound of |y_i - y_i*| at times t (s), for every input with sup|u - u*| <= u_sup.
 
         Raises:
@@ -188,7 +187,7 @@ class Certificate:
         """
         return abs(bounds.above(bounds.remaining(self.stated))) if self.stated.has_rate else None
 
-    def overshoot(self, x0: Any) -> float:
+    def overshoot(self, x0: object) -> float:
         """Return sqrt(V(x0)/p), rounded up: without input and `spread` |x(t) - x*| never exceeds it.
 
         Raises:
@@ -196,7 +195,7 @@ class Certificate:
         """
         return bounds.above(bounds.overshoot(self.stated, self._start(x0)))
 
-    def bound(self, x0: Any, u_sup: Any, t: Any) -> Float[ndarray, " N"]:
+    def bound(self, x0: object, u_sup: object, t: object) -> Float[ndarray, " N"]:
         """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
 
         In discrete time it is about multiples of dt. Where u_sup is a vector (m,), it bounds each input apart:
@@ -244,7 +243,7 @@ class Certificate:
         room = self.stated.kappa * self.stated.level - self.stated.constant_supply
         return bounds.supply(self.stated.gamma, u_sup.tolist()) <= room
 
-    def _start(self, x0: Any) -> ndarray:
+    def _start(self, x0: object) -> ndarray:
         """Return x0 as a state from which the estimate holds."""
         if not self.stated.has_rate:
             raise PersidError("the claim has no rate and no gain; certify gives them (rate-and-gain) where it can")
@@ -274,7 +273,7 @@ class Certificate:
         return total
 
 
-def _times(t: Any) -> Float[ndarray, " N"]:
+def _times(t: object) -> Float[ndarray, " N"]:
     times = np.atleast_1d(np.asarray(t, float))
     if not (np.isfinite(times).all() and (times >= 0).all()):
         raise ModelError(f"the times t = {t} must be finite and at least 0")

@@ -8,13 +8,14 @@ import scipy.linalg as sla
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._files import Json
 from persid.errors import RoundingError
 from persid.models.model import PersidskiiModel
 
 FORMAT = "persid-certificate-1"
 
 
-def heading(model: PersidskiiModel, claim: str, statement: str) -> dict[str, Any]:
+def heading(model: PersidskiiModel, claim: str, statement: str) -> Json:
     """Return how the file of a claim about a model begins."""
     return {
         "format": FORMAT,
@@ -53,13 +54,13 @@ def factor(M: Float[ndarray, "k k"], accuracy: float = 10.0) -> list[list[int]]:
     return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]
 
 
-def encode(content: dict[str, Any]) -> bytes:
+def encode(content: Json) -> bytes:
     """Write a certificate's object as readable JSON: one line for a row of numbers."""
     lines = [f"{json.dumps(name)}: {_lines(entry)}" for name, entry in content.items()]
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode("utf-8")
 
 
-def _lines(entry: Any, depth: int = 1) -> str:
+def _lines(entry: object, depth: int = 1) -> str:
     compact = json.dumps(entry)
     if len(compact) < 100 or depth > 3 or not isinstance(entry, list | dict):
         return compact

@@ -13,6 +13,7 @@ from numpy import ndarray
 from persid._dyadics import SLACK, _floor, dyadics, exact
 from persid._dyadics import dyadic as rounded
 from persid._dyadics import rounded as significant
+from persid._files import Json
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, heading
 from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
@@ -47,7 +48,7 @@ def prove_facts(
 
 def _content(
     model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip], each: bool
-) -> dict[str, Any]:
+) -> Json:
     frame, n = proposal.frame, proposal.frame.n
     regional = any(each.curve.domain is not None for each in frame.points) or bool(strips)
     claim = "region" if regional else "rate-and-gain" if proposal.kappa else "iss"
@@ -81,7 +82,7 @@ def _content(
     return with_proof(draft | _numbers(draft, regional, each))
 
 
-def _numbers(draft: dict[str, Any], regional: bool, each: bool) -> dict[str, Any]:
+def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     """Return gamma, p, and for a region the level and the bound of the inputs, that the matrices just allow."""
     ledger = read_ledger(draft)
     matrices, n = assemble(ledger), ledger.model.n
@@ -121,7 +122,7 @@ def _sides(ledger: Any) -> list[Strip]:
     return [*((row, *domain) for row, domain in domains if domain is not None), *ledger.strips]
 
 
-def _value(proposal: Proposal, label: tuple[Any, ...]) -> list[int]:
+def _value(proposal: Proposal, label: tuple[object, ...]) -> list[int]:
     return dyadic(proposal.values.get(label, Fraction(0)))
 
 
@@ -133,7 +134,7 @@ class _Used:
     densities: set[int]
 
 
-def _written(proposal: Proposal) -> tuple[Curves, list[dict[str, Any]], dict[str, list[Any]]]:
+def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any]]]:
     """Return the curves, the points and the facts of a file."""
     frame = proposal.frame
     used = [_Used({}, set()) for _ in frame.points]
@@ -143,7 +144,7 @@ def _written(proposal: Proposal) -> tuple[Curves, list[dict[str, Any]], dict[str
                 used[p].kinds[k] = kinds
             if label[0] == "mu":
                 used[p].densities.add(k)
-    curves, points = Curves(), list[dict[str, Any]]()
+    curves, points = Curves(), list[Json]()
     at: list[dict[int, int]] = []
     for p, point in enumerate(frame.points):
         forms = sorted(used[p].kinds)

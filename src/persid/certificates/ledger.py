@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from persid._dyadics import exact
+from persid._files import Json
 from persid.certificates.encoding import factor
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import RoundingError
@@ -80,7 +81,7 @@ class Curve:
             centre = (self.shift[0] - self.shift[1], self.shift[0] + self.shift[1])
         return Lemma(functions, form, kind, centre, **numbers)
 
-    def written(self, uses: Sequence[Use]) -> dict[str, Any]:
+    def written(self, uses: Sequence[Use]) -> Json:
         """Return the curve's object with these forms, with partitions.
 
         Raises:
@@ -92,8 +93,8 @@ class Curve:
         continuous = cuts_of_continuity(functions, ends)
         if continuous is None:
             raise RoundingError("no proof that the functions are continuous")
-        forms: list[dict[str, Any]] = []
-        extra: list[dict[str, Any]] = []
+        forms: list[Json] = []
+        extra: list[Json] = []
         for use in uses:
             entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else use.kinds))
             if use.c is not None:
@@ -140,7 +141,7 @@ class Curve:
         return [dyadic(c), [0, 0], written_cuts(cuts)]
 
     @staticmethod
-    def _written(form: Form, kind: str, cuts: Cuts) -> dict[str, Any]:
+    def _written(form: Form, kind: str, cuts: Cuts) -> Json:
         found = {"l": [dyadic(v) for v in form], "is": kind, "cuts": written_cuts(cuts)}
         return found | {"offset": [0, 0], "upper": None, "lower": None}
 
@@ -163,14 +164,12 @@ class Curves:
         listed = self.found[i][1]
         return i, [listed.setdefault(use, len(listed)) for use in uses]
 
-    def written(self) -> list[dict[str, Any]]:
+    def written(self) -> list[Json]:
         """Return the objects of the curves."""
         return [curve.written(list(uses)) for curve, uses in self.found]
 
 
-def as_ledger(
-    content: dict[str, Any], deviations: Sequence[dict[str, Any]] = (), outputs: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def as_ledger(content: Json, deviations: Sequence[Json] = (), outputs: Mapping[str, object] | None = None) -> Json:
     """Return the content of format 2 that claims what a content of format 1 claims.
 
     It speaks of plants with deviations, and of outputs, if they are given.
@@ -217,7 +216,7 @@ def as_ledger(
     return with_proof(draft)
 
 
-def with_proof(draft: dict[str, Any]) -> dict[str, Any]:
+def with_proof(draft: Json) -> Json:
     """Return a content with factors for its matrices."""
     ledger = read_ledger(draft)
     matrices, n = assemble(ledger), ledger.model.n
@@ -253,7 +252,7 @@ def _dyadic_row(
     return k, {i: value / k for i, value in row.items()}, [alpha * k for alpha in alphas]
 
 
-def _curve(content: dict[str, Any], model: Model, row: Row, group: Group, alphas: Sequence[Fraction]) -> Curve:
+def _curve(content: Json, model: Model, row: Row, group: Group, alphas: Sequence[Fraction]) -> Curve:
     """Return the curve of a group of channels, about the operating point and on the region."""
     shift, domain, point = None, None, content["operating_point"]
     if point is not None:
@@ -268,7 +267,7 @@ def _curve(content: dict[str, Any], model: Model, row: Row, group: Group, alphas
     return Curve(functions, shift, domain)
 
 
-def _uses(claim: str, stored: dict[str, Any], scale: Fraction) -> Iterator[Use]:
+def _uses(claim: str, stored: Json, scale: Fraction) -> Iterator[Use]:
     """Return how a group uses its forms; those in V have their constants."""
     none = [None] * len(stored["forms"])
     bounds = zip(stored.get("integral", none), stored.get("quadratic", none), strict=True)
@@ -281,7 +280,7 @@ def _uses(claim: str, stored: dict[str, Any], scale: Fraction) -> Iterator[Use]:
             yield Use(form)
 
 
-def _relative_box(content: dict[str, Any], model: Model) -> list[tuple[Fraction, Fraction]]:
+def _relative_box(content: Json, model: Model) -> list[tuple[Fraction, Fraction]]:
     point = content["operating_point"]
     center = model.x_ref if point is None else [exact(v) for v in point["x"]]
     radius = _ZERO if point is None else exact(point["radius"])
@@ -290,18 +289,14 @@ def _relative_box(content: dict[str, Any], model: Model) -> list[tuple[Fraction,
     ]
 
 
-def _strips(
-    content: dict[str, Any], model: Model, points: list[dict[str, Any]], curves: list[dict[str, Any]]
-) -> list[Any]:
+def _strips(content: Json, model: Model, points: list[Json], curves: list[Json]) -> list[Any]:
     """Return the sides of the box, but for those that stand as the domain of a point."""
     sides = [([[i, [1, 0]]], [dyadic(lo), dyadic(hi)]) for i, (lo, hi) in enumerate(_relative_box(content, model))]
     standing = [(point["row"], curves[point["curve"]]["domain"]) for point in points]
     return [[row, *ends] for row, ends in sides if (row, ends) not in standing]
 
 
-def _spanning(
-    content: dict[str, Any], model: Model, points: list[dict[str, Any]], curves: list[dict[str, Any]]
-) -> list[list[int]]:
+def _spanning(content: Json, model: Model, points: list[Json], curves: list[Json]) -> list[list[int]]:
     if not any(i < model.n for i in content["dropped"]):
         return []
     dropped, found = set(content["dropped"]), []

@@ -4,6 +4,7 @@ from fractions import Fraction
 from math import isfinite
 from typing import Any
 
+from persid._files import Json
 from persid.certificates.ledger import written_cuts
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import ModelError, RoundingError
@@ -19,7 +20,7 @@ from persid_check.outputs import canonical_outputs, output_sha256
 DIGITS = 53  # of a constant's mantissa
 
 
-def described(model: OutputModel) -> dict[str, Any]:
+def described(model: OutputModel) -> Json:
     """Return a model's outputs as a certificate states them, their constants still 0.
 
     Raises:
@@ -34,7 +35,7 @@ def described(model: OutputModel) -> dict[str, Any]:
     }
 
 
-def with_constants(content: dict[str, Any]) -> dict[str, Any]:
+def with_constants(content: Json) -> Json:
     """Return a ledger with the least constants of its outputs that its factor of the bound of V proves.
 
     Raises:

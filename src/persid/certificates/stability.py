@@ -10,6 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import _floor, dyadic, dyadics, rounded
+from persid._files import Json
 from persid.certificates.bounds import above, largest_eigenvalue
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, factor, heading
@@ -76,7 +77,7 @@ def version_1(
     lyapunov: Lyapunov,
     point: OperatingPoint | None = None,
     box: Float[ndarray, "n 2"] | None = None,
-) -> dict[str, Any]:
+) -> Json:
     """Return the content of version 1: claim R with a box, claim E with a rate, else G (all states kept) or M."""
     system, states = lyapunov.system, list(lyapunov.system.states)
     rate, regional = lyapunov.kappa > 0, box is not None
@@ -85,7 +86,7 @@ def version_1(
     block = np.block([[lyapunov.decrease, -side], [-side.T, Gamma - push]])
     below = lyapunov.below[np.ix_(states, states)]
     p = _floor(np.linalg.eigvalsh(below)[0]) if rate else 0.0
-    content: dict[str, Any] = {
+    content: Json = {
         **heading(
             model,
             claim,
@@ -113,7 +114,7 @@ def version_1(
     return content
 
 
-def _deviation(deviation: Deviation, s: float) -> dict[str, Any]:
+def _deviation(deviation: Deviation, s: float) -> Json:
     """Write a deviation; a number of its bound is meant exactly."""
     rows = {"columns": deviation.L.T, "C": deviation.C}
     lists = {name: [[[int(i), dyadic(row[i])] for i in np.flatnonzero(row)] for row in M] for name, M in rows.items()}
@@ -146,7 +147,7 @@ def largest(Gamma: ndarray) -> float:
     return float((np.linalg.eigvalsh(Gamma) ** 16).sum() ** (1 / 16))
 
 
-def _stored(P: ndarray) -> dict[str, Any]:
+def _stored(P: ndarray) -> Json:
     if np.array_equal(P, np.diag(np.diag(P))):
         return {"diagonal": dyadics(np.diag(P))}
     return {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(P)]}
@@ -157,11 +158,11 @@ def _absent(model: PersidskiiModel, system: System) -> list[int]:
     return [model.n + c for c in range(len(model.channels.functions)) if c not in present]
 
 
-def _group(group: Group, part: Chosen, claim: str) -> dict[str, Any]:
+def _group(group: Group, part: Chosen, claim: str) -> Json:
     """Write a group: its forms over (y, every member), zero at members without effect."""
     forms = np.zeros((len(part.forms), 1 + len(group.members)))
     forms[:, [0, *(1 + group.members.index(c) for c in group.channels)]] = part.forms
-    stored: dict[str, Any] = {
+    stored: Json = {
         "forms": [dyadics(form) for form in forms],
         "mu": dyadics(part.mu),
         "products": [[k, j, dyadic(tau)] for k, j, tau in part.products],

@@ -107,7 +107,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         measured: Sequence[str] = (),
         certified: bool = True,
         min_rate: float | int | None = None,
-        max_output_gain: Any = None,
+        max_output_gain: object = None,
         seeds: int = 3,
         random_state: int = 0,
         warm_start: bool | OutputModel | str | Path = False,
@@ -132,11 +132,11 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
 
     def fit(
         self,
-        X: Any,
-        y: Any = None,
+        X: object,
+        y: object = None,
         *,
-        u: Any = None,
-        t: Any = None,
+        u: object = None,
+        t: object = None,
         dt: float | int | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> "OutputIdentifier":
@@ -248,11 +248,15 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         scale = np.concatenate([run.x for run in data]).std(axis=0)
         return float(np.sqrt(((np.concatenate(gap) / scale) ** 2).mean()))
 
-    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N l"]:
+    def predict(
+        self, X: object, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> Float[ndarray, "N l"]:
         """Return free runs from states estimated from every run's first samples (all runs one below the other)."""
         return np.concatenate([self._free_run(run) for run in self._known(X, u, t, dt)])
 
-    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
+    def score(
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> float:
         """Return the R2 of free runs, the mean over outputs; the first samples, which tell the state, do not count."""
         data, k = self._known(X, u, t, dt), self._start
         measured = np.concatenate([run.x[k:] for run in data])
@@ -260,7 +264,9 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         spread = ((measured - measured.mean(0)) ** 2).sum(0)
         return float((1 - (gap**2).sum(0) / spread).mean())
 
-    def simulate(self, t: Float[ndarray, " N"], u: Any = None, *, x0: Any = None, y_init: Any = None) -> Trajectories:
+    def simulate(
+        self, t: Float[ndarray, " N"], u: object = None, *, x0: object = None, y_init: object = None
+    ) -> Trajectories:
         """Return the outputs at the times t (s); see `OutputModel.simulate`."""
         check_is_fitted(self, "model_")
         return self.model_.simulate(t, u, x0=x0, y_init=y_init)
@@ -273,7 +279,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         found = self.model_.simulate(run.t, run.u, y_init=run.x[: self._start])[0].x
         return np.vstack([found, np.full((len(run) - len(found), found.shape[1]), np.inf)])
 
-    def _known(self, X: Any, u: Any, t: Any, dt: float | int | None) -> Trajectories:
+    def _known(self, X: object, u: object, t: object, dt: float | int | None) -> Trajectories:
         check_is_fitted(self, "model_")
         data = as_trajectories(X, u, t, dt)
         given, wanted = (len(data.states), len(data.inputs)), (self.n_features_in_, self.n_inputs_in_)

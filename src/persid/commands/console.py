@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Timer
-from typing import Any
 
 from persid.commands.words import SAID, spoken, spoken_object
 
@@ -24,7 +23,7 @@ class Talk:
     as_json: bool = False
     quiet: bool = False
 
-    def result(self, content: Mapping[str, Any], rows: Sequence[tuple[str, str]]) -> None:
+    def result(self, content: Mapping[str, object], rows: Sequence[tuple[str, str]]) -> None:
         """Print a result: the object for programs, or the rows for people."""
         if self.as_json:
             print(json.dumps(spoken_object(content), allow_nan=False, default=float))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from persid._files import in_place
+from persid._files import Json, in_place
 from persid._text import SECONDS, above, below, pace
 from persid.errors import DataError, ModelError, PersidError
 
@@ -99,8 +99,8 @@ def uninterrupted(verdict: "Verdict") -> "Verdict":
 
 
 def question(
-    operating_point: Any, u_op: Any, domain: str, time_limit: float | int, rate: float | None = None
-) -> dict[str, Any]:
+    operating_point: object, u_op: object, domain: str, time_limit: float | int, rate: float | None = None
+) -> Json:
     """Return the arguments of `persid.verdicts.certify`."""
     point = "auto" if operating_point is None else operating_point
     return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit, "rate": rate}

@@ -71,9 +71,9 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @talking
 def run(
-    *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, operating_point: Any, u_op: Any,
-    domain: str, time_limit: float, rate: float | None, select: str | None, price: float, margin: float | None,
-    test: tuple[Path, ...], output: Path, as_json: bool, quiet: bool, **how: Any,
+    *, data: tuple[Path, ...], functions: object, ridge: object, method: str, refine: bool, operating_point: object,
+    u_op: object, domain: str, time_limit: float, rate: float | None, select: str | None, price: float,
+    margin: float | None, test: tuple[Path, ...], output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify, certify and report: from measurements to a verdict in one go.
 
@@ -202,7 +202,7 @@ def run(
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The model file to write.")
 @talking
 def identify(
-    *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, refine: bool, output: Path,
+    *, data: tuple[Path, ...], functions: object, ridge: object, method: str, refine: bool, output: Path,
     as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Identify a generalized Persidskii model from measurements.
@@ -254,9 +254,9 @@ def identify(
 @click.option("-o", "--output", type=NEW_FILE, required=True, help="The JSON file to write.")
 @talking
 def bootstrap(
-    *, data: tuple[Path, ...], functions: Any, ridge: Any, method: str, count: int, seed: int, operating_point: Any,
-    u_op: Any, domain: str, time_limit: float, rate: float | None, jobs: int, engine: str, scheduler: str | None,
-    output: Path, as_json: bool, quiet: bool, **how: Any,
+    *, data: tuple[Path, ...], functions: object, ridge: object, method: str, count: int, seed: int,
+    operating_point: object, u_op: object, domain: str, time_limit: float, rate: float | None, jobs: int, engine: str,
+    scheduler: str | None, output: Path, as_json: bool, quiet: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Refit to resampled measurements: the share of refits that is certified, and the spread of rates and gains.
 

@@ -284,7 +284,7 @@ def _with(call: str) -> str:
     return f"fit.set_params({call}).fit(data)"
 
 
-def _appending(base: Any, data: Trajectories) -> Iterator[_Trial]:
+def _appending(base: object, data: Trajectories) -> Iterator[_Trial]:
     """Yield states that are appended: velocities, the past."""
     n = len(data.states)
     if 2 * n <= MOST_STATES:
@@ -298,14 +298,14 @@ def _appending(base: Any, data: Trajectories) -> Iterator[_Trial]:
         yield from _prepared(advice, base, data, lambda: embedded(data, 0, PAST))
 
 
-def _prepared(advice: Advice, fit: Any, data: Trajectories, make: Callable[[], Trajectories]) -> Iterator[_Trial]:
+def _prepared(advice: Advice, fit: object, data: Trajectories, make: Callable[[], Trajectories]) -> Iterator[_Trial]:
     try:
         yield _Trial(advice, fit, make())
     except PersidError:  # uneven times, runs too short
         return
 
 
-def _leaving_out(base: Any, data: Trajectories) -> Iterator[_Trial]:
+def _leaving_out(base: object, data: Trajectories) -> Iterator[_Trial]:
     """Yield fits without a state that is made of others."""
     for one in suspicions.differences(data):
         rest = [name for name in data.states if name != one.column]
@@ -345,7 +345,7 @@ def _coded(codes: Sequence[suspicions.Suspicion]) -> list[Advice]:
     return [Advice(one.kind, one.text) for one in codes]
 
 
-def _codes(base: Any, data: Trajectories, codes: Sequence[suspicions.Suspicion]) -> Iterator[_Trial]:
+def _codes(base: object, data: Trajectories, codes: Sequence[suspicions.Suspicion]) -> Iterator[_Trial]:
     """Yield the fit without samples that hold a code for missing."""
     values = sorted({one.number for one in codes})
     runs = []

@@ -67,7 +67,7 @@ class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.states_, self.inputs_, self.box_ = data.states, data.inputs, box_of(data)
         return self
 
-    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+    def simulate(self, x0: object, t: object, u: object = None) -> Trajectories:
         """Run freely from x0 at t[0] (n,), its own past repeated, or from states at the first `lags` times (lags, n).
 
         A run that leaves the box of the data by ten of its widths ends there, with `diverged_at` set.

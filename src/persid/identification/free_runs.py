@@ -29,7 +29,7 @@ CLOSE, EXACT = 0.05, 1e-9  # steps are short enough when halving them changes le
 class Simulator(Protocol):
     """Anything that predicts a trajectory from first states, times and inputs."""
 
-    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+    def simulate(self, x0: object, t: Float[ndarray, " N"], u: object = None) -> Trajectories:
         """Return the predicted run."""
 
 

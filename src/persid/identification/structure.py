@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -51,7 +50,7 @@ class Structure:
 
 def make_structure(
     basis: Basis,
-    pattern: Any = None,
+    pattern: object = None,
     shared: bool = False,
     constant: bool = True,
     velocities: Mapping[str, str] | None = None,
@@ -98,7 +97,7 @@ def _fix(basis: Basis, name: str, velocity: str, parameter: ndarray, given: ndar
     given[place, i], given[-1, i] = 1.0, basis.x_ref[j]
 
 
-def _pattern(pattern: Any, n: int) -> Bool[ndarray, "n n"]:
+def _pattern(pattern: object, n: int) -> Bool[ndarray, "n n"]:
     matrix = np.asarray(pattern.toarray() if hasattr(pattern, "toarray") else pattern)
     if matrix.shape != (n, n) or matrix.dtype != bool:
         raise DataError(f"pattern has shape {matrix.shape} of {matrix.dtype}; needed is a boolean ({n}, {n}) matrix")

@@ -113,7 +113,7 @@ class Standard:
 
     block = DEVICE_BLOCK
 
-    def __init__(self, xp: ModuleType, device: Any = None) -> None:
+    def __init__(self, xp: ModuleType, device: object = None) -> None:
         self.xp, self.device = xp, device
 
     def put(self, a: np.ndarray) -> Array:

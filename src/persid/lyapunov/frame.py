@@ -164,7 +164,7 @@ class Frame:
         return {i: v for i, v in total.items() if v}
 
     @staticmethod
-    def _fact(label: tuple[Any, ...], a: Row, b: Row) -> Unknown:
+    def _fact(label: tuple[object, ...], a: Row, b: Row) -> Unknown:
         return Unknown(label, ((a, {i: -v for i, v in b.items()}),))
 
 

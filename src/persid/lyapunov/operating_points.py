@@ -5,7 +5,6 @@ In discrete time they are fixed points, the zeros of x+ - x.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +12,7 @@ from numpy import ndarray
 
 import persid_check
 from persid._dyadics import dyadic, dyadics
+from persid._files import Json
 from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
 
@@ -42,9 +42,9 @@ class OperatingPoint:
         """
         return np.asarray(np.minimum(self.x - box[:, 0], box[:, 1] - self.x) - 3 * self.radius)
 
-    def to_dict(self, *, with_input: bool = True) -> dict[str, Any]:
+    def to_dict(self, *, with_input: bool = True) -> Json:
         """Return the point as a certificate writes it."""
-        point: dict[str, Any] = {"x": dyadics(self.x), "radius": dyadic(self.radius)}
+        point: Json = {"x": dyadics(self.x), "radius": dyadic(self.radius)}
         return point | ({"u": dyadics(self.u)} if with_input else {})
 
 
@@ -52,7 +52,7 @@ def find_operating_point(
     model: PersidskiiModel,
     u: Sequence[float] | ndarray | None = None,
     *,
-    near: Any = None,
+    near: object = None,
     starts: int | None = None,
     seed: int = 0,
 ) -> tuple[OperatingPoint, ...]:
@@ -88,7 +88,7 @@ def find_operating_point(
     return tuple(point for point in proved if point is not None)
 
 
-def vector(name: str, given: Any, size: int) -> ndarray:
+def vector(name: str, given: object, size: int) -> ndarray:
     """Return what a caller gave as a vector of finite numbers, or say what is needed."""
     try:
         found = np.array(given, float)

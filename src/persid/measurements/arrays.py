@@ -44,7 +44,7 @@ def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None
     return Trajectories.from_arrays(X, u, t=t, dt=dt)
 
 
-def _unmasked(value: Any) -> Any:
+def _unmasked(value: object) -> Any:
     """Return a masked array as a plain one, NaN where it is masked: its numbers there are none."""
     if isinstance(value, list | tuple):
         return [_unmasked(part) for part in value]
@@ -53,7 +53,7 @@ def _unmasked(value: Any) -> Any:
     return np.ma.filled(np.ma.array(value, dtype=float), np.nan)
 
 
-def refuse_target(y: Any) -> None:
+def refuse_target(y: object) -> None:
     """Raise DataError where a second argument was given that would be ignored.
 
     Raises:

@@ -114,7 +114,7 @@ class Survey:
     notes: tuple[str, ...]
 
 
-def survey(source: Any, lazy: Lazy | None, columns: Columns) -> Survey:
+def survey(source: object, lazy: Lazy | None, columns: Columns) -> Survey:
     """Look at a chunk once: cuts, ranges, means, steps, the first rows and a hash."""
     notes: list[str] = []
     name, found = read_rows(source, lazy, columns, notes)

@@ -81,7 +81,7 @@ class Threads:
 
         done: list[Any] = []
 
-        def tell(key: Any, *rest: Any) -> None:
+        def tell(key: object, *rest: object) -> None:
             if str(key[0] if isinstance(key, tuple) else key).startswith(LEAF):
                 done.append(key)
                 self.progress(f"{what}: {len(done)} of {count} chunks")
@@ -143,11 +143,11 @@ class Cluster:
                 self.client.cancel(futures)
             raise
 
-    def _added(self, nodes: Sequence[Any]) -> list[Any]:
+    def _added(self, nodes: Sequence[object]) -> list[Any]:
         groups = [nodes[k : k + BRANCHES] for k in range(0, len(nodes), BRANCHES)]
         return [self.client.submit(_sum, *group, pure=False) for group in groups]
 
-    def _watch(self, futures: Sequence[Any], count: int, what: str) -> None:
+    def _watch(self, futures: Sequence[object], count: int, what: str) -> None:
         from distributed import as_completed
 
         self.progress(f"{what}: 0 of {count} chunks")
@@ -158,7 +158,7 @@ class Cluster:
 Engine = Here | Threads | Cluster
 
 
-def make_engine(engine: Any = None, scheduler: str | None = None, progress: Progress | None = None) -> Engine:
+def make_engine(engine: object = None, scheduler: str | None = None, progress: Progress | None = None) -> Engine:
     """Return the engine that is meant: None (this process), "dask", or a `distributed.Client`.
 
     "dask" is the cluster at the address `scheduler`, or else the client that is current, or else threads.

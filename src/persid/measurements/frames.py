@@ -98,7 +98,7 @@ def beside(frames: Sequence[Any], u: Any, t: Any, dt: float | int | None) -> Run
     return replace(data, notes=(*data.notes, *dict.fromkeys(notes)))
 
 
-def _as_frame(value: Any, letter: str) -> pd.DataFrame:
+def _as_frame(value: object, letter: str) -> pd.DataFrame:
     """Return a table of a frame, a series or an array, columns without a name called x1, x2, ... or u1, u2, ..."""
     if isinstance(value, pd.Series):
         value = value.to_frame(None if value.name is None else str(value.name))
@@ -156,7 +156,7 @@ def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     return Table(name, flat, lambda k: f"row {_short(index[k])}")
 
 
-def _short(label: Any) -> Any:
+def _short(label: object) -> Any:
     """Return a label of a row without the last digits of what was added up: 5.8, not 5.800000000000001."""
     return float(f"{label:.12g}") if isinstance(label, float) else label
 
@@ -180,7 +180,7 @@ def to_xarray(runs: Sequence[Trajectory], names: list[str]) -> "Dataset":
 
 
 def from_xarray(
-    dataset: Any, states: Sequence[str] | None, inputs: Sequence[str], time: str | None, run: str | None
+    dataset: object, states: Sequence[str] | None, inputs: Sequence[str], time: str | None, run: str | None
 ) -> Runs:
     """Return the runs of a Dataset; see `Trajectories.from_xarray`."""
     xarray = library("xarray", "interop")

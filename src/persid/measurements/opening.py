@@ -30,7 +30,7 @@ CHUNK = 131_072  # rows of small row groups that are read together
 
 
 def open_recordings(
-    source: Any,
+    source: object,
     *,
     states: Sequence[str],
     inputs: Sequence[str] = (),
@@ -40,8 +40,8 @@ def open_recordings(
     delay: Mapping[str, float | int] | None = None,
     gap: float | int | None = None,
     missing: str = "error",
-    na: Sequence[Any] = (),
-    engine: Any = None,
+    na: Sequence[object] = (),
+    engine: object = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Recordings:
@@ -174,7 +174,7 @@ def _gap_limit(surveys: list[Survey], columns: Columns) -> float:
     return GAP * median
 
 
-def _chunks_of(source: Any) -> Iterator[Chunk]:
+def _chunks_of(source: object) -> Iterator[Chunk]:
     """Yield the chunks of files or of a Dask DataFrame."""
     if hasattr(source, "to_delayed"):
         for k, part in enumerate(source.to_delayed()):
@@ -188,7 +188,7 @@ def _chunks_of(source: Any) -> Iterator[Chunk]:
             yield Chunk(WholeFile(path), None, table)
 
 
-def recordings_of(X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Recordings:
+def recordings_of(X: object, u: object = None, t: object = None, dt: float | int | None = None) -> Recordings:
     """Return recordings, or those of Dask arrays or DataFrames of states and inputs cut alike: one long run.
 
     Raises:

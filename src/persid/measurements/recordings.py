@@ -194,7 +194,7 @@ class _Reading:
     taken: Sequence[int] | None
 
 
-def _read(source: Any, lazy: Lazy | None, how: _Reading) -> tuple[ndarray, ndarray]:
+def _read(source: object, lazy: Lazy | None, how: _Reading) -> tuple[ndarray, ndarray]:
     """Read a chunk with the rows ahead of it; where the step is given, times count from the first row of the table."""
     columns, offset, ahead, taken = how.columns, how.offset, how.ahead, how.taken
     _, rows = read_rows(source, lazy, columns, [])
@@ -206,7 +206,7 @@ def _read(source: Any, lazy: Lazy | None, how: _Reading) -> tuple[ndarray, ndarr
 
 
 def _chunk_sums(
-    source: Any, lazy: Lazy | None, how: _Reading, jobs: list[_Job], *, function: Callable[..., Any], n: int
+    source: object, lazy: Lazy | None, how: _Reading, jobs: list[_Job], *, function: Callable[..., Any], n: int
 ) -> dict[int, Any]:
     """Return the sums of a function over the parts in one chunk."""
     t, values = _read(source, lazy, how)
@@ -218,7 +218,7 @@ def _chunk_sums(
 
 
 def _chunk_segments(
-    source: Any, lazy: Lazy | None, how: _Reading, jobs: list[_Job]
+    source: object, lazy: Lazy | None, how: _Reading, jobs: list[_Job]
 ) -> list[tuple[int, tuple[ndarray, ndarray]]]:
     """Return the times and values of some parts of one chunk, copied: the chunk itself can go."""
     t, values = _read(source, lazy, how)
@@ -230,7 +230,7 @@ Measurements = Trajectories | Recordings
 Kind = TypeVar("Kind", bound=Trajectories | Recordings)
 
 
-def is_large(X: Any) -> bool:
+def is_large(X: object) -> bool:
     """Return whether data are recordings, or a Dask array or DataFrame."""
     return isinstance(X, Recordings) or (hasattr(X, "__dask_graph__") and not hasattr(X, "coords"))  # xarray has both
 

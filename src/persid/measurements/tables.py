@@ -73,7 +73,7 @@ class Columns:
         """All columns that were asked for by name."""
         return (*self.names, *(name for name in (self.time, self.run) if name is not None))
 
-    def takes(self, name: Any) -> bool:
+    def takes(self, name: object) -> bool:
         """Whether a column may be wanted: by its name, by its name without a unit, or as a time."""
         text = str(name).strip()
         wanted = {part.strip() for part in self.asked} | {base_and_unit(part)[0] for part in self.asked}
@@ -265,7 +265,7 @@ def _lone_step(cells: pd.Series) -> float | None:
     return float(step) if pd.notna(step) and 0 < step < np.inf else None
 
 
-def _known(cells: pd.Series, na: Sequence[Any]) -> pd.Series:
+def _known(cells: pd.Series, na: Sequence[object]) -> pd.Series:
     """Return cells without the values that mean "missing"."""
     if not na:
         return cells

@@ -27,7 +27,7 @@ UNITS = {word: unit for unit, words in SECONDS.items() for word in words}
 FIRST, LAST = 978_307_200.0, 4_102_444_800.0  # 2001 and 2100, in s since 1970: numbers between are dates
 
 
-def base_and_unit(name: Any) -> tuple[str, str | None]:
+def base_and_unit(name: object) -> tuple[str, str | None]:
     """Return a name without its unit, and the unit of time in it, as in "Time (ms)", "t [min]", "time/s" and "t_us"."""
     text = str(name).strip()
     found = re.fullmatch(r"(.*?)\s*(?:\[(.*?)\]|\((.*?)\)|<(.*?)>|/\s*([^\s/]+)|\s+in\s+(\S+))", text)
@@ -39,7 +39,7 @@ def base_and_unit(name: Any) -> tuple[str, str | None]:
     return (head, UNITS[tail.lower()]) if known else (text, None)
 
 
-def is_clock(name: Any) -> bool:
+def is_clock(name: object) -> bool:
     """Whether a column or an index is named as a time is."""
     base = base_and_unit(name)[0].lower().strip(" .:")
     return base in NAMES or _LIKE_TIME.fullmatch(base) is not None
@@ -151,7 +151,7 @@ class Clock:
         return None
 
 
-def in_seconds(t: Any) -> tuple[Any, str]:
+def in_seconds(t: object) -> tuple[Any, str]:
     """Return times that stand in an array: numbers are s, unless they can only be ms, us or ns since 1970."""
     array = np.asarray(t)
     if array.dtype.kind in "fiu" and not (array.size and np.nanmin(array) > LAST):

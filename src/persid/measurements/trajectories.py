@@ -212,7 +212,7 @@ class Trajectories(Sequence[Trajectory]):
         return to_xarray(self.runs, [*self.states, *self.inputs])
 
 
-def _seconds(ts: Sequence[Any]) -> tuple[list[Any], tuple[str, ...]]:
+def _seconds(ts: Sequence[object]) -> tuple[list[Any], tuple[str, ...]]:
     """Return the times of all runs in s, and what was done to them."""
     if all(t is None for t in ts):
         return list(ts), ()
@@ -224,11 +224,11 @@ def _seconds(ts: Sequence[Any]) -> tuple[list[Any], tuple[str, ...]]:
     return [None if t is None else next(found) for t in ts], notes
 
 
-def _is_run(value: Any) -> bool:
+def _is_run(value: object) -> bool:
     return getattr(value, "ndim", None) == 2 or (isinstance(value, list) and np.ndim(value) == 2)
 
 
-def _run(where: str, x: Any, u: Any, t: Any, dt: float | int | None) -> Trajectory:
+def _run(where: str, x: object, u: object, t: object, dt: float | int | None) -> Trajectory:
     x = _numbers(where, "x", x)
     if x.ndim != 2 or len(x) < 2:
         raise DataError(f"{where}: x has shape {x.shape}; needed is (N, n) with at least two samples, one a row")
@@ -240,7 +240,7 @@ def _run(where: str, x: Any, u: Any, t: Any, dt: float | int | None) -> Trajecto
     return Trajectory(sample_times(where, t, dt, len(x)), x, u)
 
 
-def sample_times(where: str, t: Any, dt: float | int | None, count: int) -> Float[ndarray, " N"]:
+def sample_times(where: str, t: object, dt: float | int | None, count: int) -> Float[ndarray, " N"]:
     """Return the sample times in s, given or k dt; raise DataError unless they increase."""
     if (t is None) == (dt is None):
         raise DataError(f"{where}: give either the times t or the step dt, in s")

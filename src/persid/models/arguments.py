@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
+from persid._files import Json
 from persid.errors import ModelError
 from persid.models.channels import Term
 from persid.models.functions import ScalarFunction, scalar_function
 from persid.models.sparse import compressed, is_sparse
 
 
-def dimension(A0: Any, terms: Sequence[Any], B: Any) -> int:
+def dimension(A0: object, terms: Sequence[object], B: object) -> int:
     """Return the number of states, from the first matrix that tells it."""
     for candidate in (A0, B, *(t.A if isinstance(t, Term) else _part(t, "A", 2) for t in terms)):
         if candidate is not None and len(shape := _shape(candidate)) == 2:
@@ -27,7 +28,7 @@ def _shape(candidate: Any) -> tuple[int, ...]:
         return ()
 
 
-def matrices_of(term: Any) -> tuple[Any, Any]:
+def matrices_of(term: object) -> tuple[Any, Any]:
     """Return A and R of a term in any form."""
     return (term.A, term.R) if isinstance(term, Term) else (_part(term, "A", 2), _part(term, "R", 1))
 
@@ -36,7 +37,7 @@ def _part(term: Any, key: str, place: int) -> Any:
     return term.get(key) if isinstance(term, Mapping) else term[place]
 
 
-def term_of(index: int, term: Any, n: int) -> Term:
+def term_of(index: int, term: object, n: int) -> Term:
     """Return a term given as one, as (f, R, A) or as an object with these fields."""
     if isinstance(term, Term):
         term = (list(term.f), term.R, term.A)
@@ -52,12 +53,12 @@ def term_of(index: int, term: Any, n: int) -> Term:
     return Term(tuple(known[name] for name in names), R, matrix_of(f"terms[{index}].A", A, (n, k)))
 
 
-def matrix_of(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
+def matrix_of(name: str, value: object, shape: tuple[int | None, ...]) -> Any:
     """Return a matrix of a shape (None: any size), sparse as it was given, or say what is needed."""
     return compressed(name, value, shape) if is_sparse(value) else finite_array(name, value, shape)
 
 
-def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarray:
+def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> ndarray:
     """Return finite numbers of a shape (None: any size), read only, or say what is needed."""
     try:
         array = np.array(value, dtype=float)
@@ -72,7 +73,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> ndarra
     return array
 
 
-def clock(time: Any, dt: Any, sparse: bool) -> float | None:
+def clock(time: object, dt: object, sparse: bool) -> float | None:
     """Return the step in s of a model in discrete time, None in continuous time, or say what is needed."""
     if time not in ("continuous", "discrete"):
         raise ModelError(f'time is {time!r}; choose "continuous" or "discrete"')
@@ -94,7 +95,7 @@ def distinct_names(what: str, given: Sequence[str], count: int) -> tuple[str, ..
     return tuple(given)
 
 
-def unknown_fields(data: Mapping[str, Any], known: Sequence[str], needed: set[str]) -> None:
+def unknown_fields(data: Mapping[str, object], known: Sequence[str], needed: set[str]) -> None:
     """Refuse an object with a field that is not known, or without one that is needed."""
     unknown, missing = set(data) - set(known), needed - set(data)
     if unknown:
@@ -103,7 +104,7 @@ def unknown_fields(data: Mapping[str, Any], known: Sequence[str], needed: set[st
         raise ModelError(f"the field {sorted(missing)[0]!r} is missing")
 
 
-def check_kinds(data: Mapping[str, Any]) -> None:
+def check_kinds(data: Mapping[str, object]) -> None:
     """Refuse names that are no list of texts, terms that are no objects, and functions that are no texts."""
     for name in ("states", "inputs"):
         given = data.get(name)
@@ -120,11 +121,11 @@ def check_kinds(data: Mapping[str, Any]) -> None:
         raise ModelError("provenance is no object")
 
 
-def _are_texts(value: Any) -> bool:
+def _are_texts(value: object) -> bool:
     return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
 
 
-def plain_model(form: Mapping[str, Any]) -> dict[str, Any]:
+def plain_model(form: Mapping[str, Any]) -> Json:
     """Return the object of `model.json` from the canonical form: hexadecimal floats become numbers again."""
     data = dict(form)
     for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
@@ -135,7 +136,7 @@ def plain_model(form: Mapping[str, Any]) -> dict[str, Any]:
     return data
 
 
-def _numbers(entry: Any) -> Any:
+def _numbers(entry: object) -> Any:
     if isinstance(entry, list):
         return [_numbers(part) for part in entry]
     return float.fromhex(entry) if isinstance(entry, str) else entry

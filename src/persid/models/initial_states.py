@@ -9,7 +9,6 @@ the first samples do not tell. Gauss-Newton: the model is linearised about each 
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -36,7 +35,7 @@ class Known:
     x_cov: Float[ndarray, "n n"] | None
 
 
-def estimate(known: Known, t: Float[ndarray, " N"], u: Float[ndarray, "N m"] | None, y: Any) -> Float[ndarray, " n"]:
+def estimate(known: Known, t: Float[ndarray, " N"], u: Float[ndarray, "N m"] | None, y: object) -> Float[ndarray, " n"]:
     """Return the state at t[0]; see `OutputModel.estimate_state`."""
     from scipy.optimize import least_squares
 
@@ -71,7 +70,7 @@ def _outputs(known: Known, X: Float[ndarray, "S n"], t: ndarray, u: ndarray | No
         return known.equation.values(states, inputs).swapaxes(0, 1)
 
 
-def _measured(known: Known, t: ndarray, y: Any) -> ndarray:
+def _measured(known: Known, t: ndarray, y: object) -> ndarray:
     found, count = np.asarray(y, float), len(known.equation.outputs)
     found = found[:, None] if found.ndim == 1 and count == 1 else found
     shape = found.shape

@@ -13,7 +13,7 @@ from numpy import ndarray
 from scipy.sparse import csc_array
 
 import persid_check
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.models import sparse as columns
@@ -71,7 +71,7 @@ class PersidskiiModel:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     domain: Float[ndarray, "n 2"] | None = None
-    provenance: dict[str, Any] = field(default_factory=dict)
+    provenance: Json = field(default_factory=dict)
     time: str = "continuous"
     dt: float | None = None
 
@@ -303,7 +303,7 @@ class PersidskiiModel:
 
         return to_casadi(self.field, name)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model as the object of `model.json`."""
         return {
             "format": FORMAT,
@@ -336,7 +336,7 @@ class PersidskiiModel:
         return Compressed.of(content, matrices, vectors | ({} if self.domain is None else {"domain": self.domain}))
 
     @classmethod
-    def from_dict(cls, data: Any, folder: Path | None = None) -> "PersidskiiModel":
+    def from_dict(cls, data: object, folder: Path | None = None) -> "PersidskiiModel":
         """Return the model of an object such as `model.json` holds; unknown fields are refused.
 
         `folder` is where companions of sparse matrices stand.
@@ -376,7 +376,7 @@ class PersidskiiModel:
         return self.compressed().exact.form() if self.is_large else persid_check.canonical_model(self.to_dict())
 
     @classmethod
-    def from_canonical(cls, form: Mapping[str, Any], arrays: bytes | None = None) -> "PersidskiiModel":
+    def from_canonical(cls, form: Mapping[str, object], arrays: bytes | None = None) -> "PersidskiiModel":
         """Return the model of a canonical form; of a large one `arrays` are the bytes of the companion."""
         if arrays is None:
             return cls.from_dict(plain_model(form))
@@ -402,7 +402,7 @@ def _texts(term: Term) -> str | list[str]:
     return texts[0] if len(set(texts)) == 1 else texts
 
 
-def _term_dict(term: Term) -> dict[str, Any]:
+def _term_dict(term: Term) -> Json:
     return {
         "f": _texts(term),
         "R": None if term.R is None else _listed(term.R),

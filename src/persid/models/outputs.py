@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
@@ -84,22 +84,22 @@ class OutputModel:
     noise: Float[ndarray, " l"] | None
     x_mean: Float[ndarray, " n"] | None
     x_cov: Float[ndarray, "n n"] | None
-    provenance: dict[str, Any]
+    provenance: Json
 
     def __init__(
         self,
         dynamics: PersidskiiModel,
-        C: Any,
-        D: Any = None,
-        d: Any = None,
+        C: object,
+        D: object = None,
+        d: object = None,
         *,
         output_map: str | Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
         hold: str = "zoh",
-        noise: Any = None,
-        x_mean: Any = None,
-        x_cov: Any = None,
-        provenance: Mapping[str, Any] | None = None,
+        noise: object = None,
+        x_mean: object = None,
+        x_cov: object = None,
+        provenance: Mapping[str, object] | None = None,
     ) -> None:
         if dynamics.is_discrete:
             raise ModelError("an output model has dynamics in continuous time; these go in steps")
@@ -129,7 +129,7 @@ class OutputModel:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def from_fit(cls, fit: StableFit, provenance: Mapping[str, Any] | None = None) -> "OutputModel":
+    def from_fit(cls, fit: StableFit, provenance: Mapping[str, object] | None = None) -> "OutputModel":
         """Return the model of a fit to inputs and outputs: each neuron is a term, its shift inside its function.
 
         What the model does not say of the fit stands in its provenance, from which `to_fit` finds it.
@@ -205,7 +205,9 @@ class OutputModel:
         """Return y for one state (n,) or many (N, n); u = None means u_ref."""
         return self.equation.values(x, u)
 
-    def simulate(self, t: Float[ndarray, " N"], u: Input = None, *, x0: Any = None, y_init: Any = None) -> Trajectories:
+    def simulate(
+        self, t: Float[ndarray, " N"], u: Input = None, *, x0: object = None, y_init: object = None
+    ) -> Trajectories:
         """Return the outputs at the times t (s), from a state or from the first measured outputs.
 
         Args:
@@ -228,7 +230,7 @@ class OutputModel:
         seen = Trajectory(run.t, self.output(run.x, run.u), run.u, run.diverged_at, run.stopped_at)
         return Trajectories((seen,), self.outputs, self.dynamics.inputs)
 
-    def estimate_state(self, t: Float[ndarray, " N"], u: Any, y: Any) -> Float[ndarray, " n"]:
+    def estimate_state(self, t: Float[ndarray, " N"], u: object, y: object) -> Float[ndarray, " n"]:
         """Return the latent state at t[0] from outputs y (k, l) measured at t[0], …, t[k - 1], k <= N.
 
         It is the most likely one, given `noise`, x_mean and x_cov; u is (N, m) or None for u_ref.
@@ -256,7 +258,7 @@ class OutputModel:
         straight = samples is not None and self.hold == "foh"
         return self.dynamics.simulate(x0, t, _lines(t, samples) if straight else u)[0]
 
-    def _samples(self, t: ndarray, u: Any) -> Float[ndarray, "N m"] | None:
+    def _samples(self, t: ndarray, u: object) -> Float[ndarray, "N m"] | None:
         if u is None:
             return None
         u = np.asarray(u, float)
@@ -308,7 +310,7 @@ class OutputModel:
 
         return to_latex(self.dynamics.field, digits, self.equation)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model as the object of its file."""
         return {
             "format": FORMAT,
@@ -324,7 +326,7 @@ class OutputModel:
         }
 
     @classmethod
-    def from_dict(cls, data: Any, folder: Path | None = None) -> "OutputModel":
+    def from_dict(cls, data: object, folder: Path | None = None) -> "OutputModel":
         """Return the model of an object such as its file holds; unknown fields are refused."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise ModelError(f'an output model has "format": "{FORMAT}"')
@@ -360,11 +362,11 @@ def _listed(given: ndarray | None) -> Any:
     return None if given is None else given.tolist()
 
 
-def _array(given: Any) -> ndarray | None:
+def _array(given: object) -> ndarray | None:
     return None if given is None else np.asarray(given, float)
 
 
-def _texts(name: str, given: Any) -> list[Any]:
+def _texts(name: str, given: object) -> list[Any]:
     if given is None or isinstance(given, str):
         return [] if given is None else [given]
     if not isinstance(given, list):

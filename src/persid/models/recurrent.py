@@ -34,7 +34,7 @@ class Layer:
     b: Float[ndarray, " n"]
 
 
-def from_rnn(weights: Mapping[str, Any], nonlinearity: str = "tanh", dt: float | int = 1.0) -> PersidskiiModel:
+def from_rnn(weights: Mapping[str, object], nonlinearity: str = "tanh", dt: float | int = 1.0) -> PersidskiiModel:
     """Return a recurrent network as a model in discrete time, exactly; its states are the arguments of the neurons.
 
     Hidden states are h = tanh(x) or relu(x), so that what is proved of |x - x*| holds of |h - h*| too.
@@ -75,7 +75,7 @@ def from_rnn(weights: Mapping[str, Any], nonlinearity: str = "tanh", dt: float |
     return PersidskiiModel(None, terms, B, np.concatenate([layer.b for layer in layers]), time="discrete", dt=float(dt))
 
 
-def _torch(weights: Mapping[str, Any]) -> list[Layer]:
+def _torch(weights: Mapping[str, object]) -> list[Layer]:
     """Return the layers of a state dictionary in PyTorch's names."""
     found: dict[int, dict[str, ndarray]] = {}
     for name, value in weights.items():
@@ -118,7 +118,7 @@ def _layer(k: int, parts: Mapping[str, ndarray]) -> Layer:
     return Layer(W_ih, W_hh, b)
 
 
-def _array(name: str, value: Any) -> ndarray:
+def _array(name: str, value: object) -> ndarray:
     try:
         return np.asarray(value, float)
     except (TypeError, ValueError, RuntimeError) as error:  # a tensor that still needs its gradient

@@ -1,7 +1,5 @@
 """Runs of models in discrete time: one evaluation of the right side a step, stopped at a divergence."""
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -28,7 +26,7 @@ def refuse_other_steps(t: Float[ndarray, " N"], dt: float) -> None:
         )
 
 
-def iterate(field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any) -> Trajectory:
+def iterate(field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: object) -> Trajectory:
     """Return the run from x0, one sample a step; see `PersidskiiModel.simulate`."""
     held = _held(field, t, u)
     force, step = field.b + (held - field.u_ref) @ field.B.T, field.drift()
@@ -43,7 +41,7 @@ def iterate(field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"
     return Trajectory(t, states, held)
 
 
-def _held(field: VectorField, t: ndarray, u: Any) -> Float[ndarray, "N m"]:
+def _held(field: VectorField, t: ndarray, u: object) -> Float[ndarray, "N m"]:
     """Return the input of every step."""
     if u is None:
         return np.tile(field.u_ref, (len(t), 1))

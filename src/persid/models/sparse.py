@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy import sparse
 from scipy.sparse import csc_array
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.errors import ModelError
 from persid_check.results import FormatError
 from persid_check.sparse import FILLED_STATES as FILLED_STATES
@@ -46,7 +46,7 @@ def compressed(name: str, value: Any, shape: tuple[int | None, ...]) -> csc_arra
     return matrix
 
 
-def triplets(matrix: csc_array) -> dict[str, Any]:
+def triplets(matrix: csc_array) -> Json:
     """Return a sparse matrix as `model.json` lists it."""
     found = matrix.tocoo()
     return {"shape": list(matrix.shape), "coo": [found.row.tolist(), found.col.tolist(), found.data.tolist()]}
@@ -63,18 +63,18 @@ def archive(arrays: Mapping[str, ndarray]) -> bytes:
 class Compressed:
     """A model's object with only the shapes of its matrices, and their arrays by their names in a companion."""
 
-    content: dict[str, Any]
+    content: Json
     arrays: Arrays
 
     @classmethod
-    def of(cls, content: dict[str, Any], matrices: Mapping[str, Any], vectors: Mapping[str, ndarray]) -> "Compressed":
+    def of(cls, content: Json, matrices: Mapping[str, Any], vectors: Mapping[str, ndarray]) -> "Compressed":
         """Compress matrices, by their names; the terms of the content are the texts of their functions."""
         arrays: Arrays = {}
         for name, matrix in matrices.items():
             arrays |= _parts(name, csc_array(matrix))
         arrays |= {name: vector.ravel() for name, vector in vectors.items()}
 
-        def shape(name: str) -> dict[str, Any] | None:
+        def shape(name: str) -> Json | None:
             return {"shape": list(matrices[name].shape)} if f"{name}.values" in arrays else None
 
         terms = [
@@ -88,13 +88,13 @@ class Compressed:
         """The checker's reading of the model."""
         return read_sparse(self.content, self.arrays)
 
-    def save(self, path: Path, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    def save(self, path: Path, provenance: Mapping[str, object]) -> Json:
         """Write the companion of a model file beside it, and return the object of the file."""
         data, name = archive(self.arrays), f"{path.stem}.npz"
         write_atomically(path.with_name(name), data)
         stored = {"npz": name, "sha256": hashlib.sha256(data).hexdigest()}
 
-        def located(entry: Any, place: str) -> Any:
+        def located(entry: object, place: str) -> Any:
             return {**entry, **stored, "name": place} if isinstance(entry, dict) else entry
 
         content = dict(self.content)
@@ -107,7 +107,7 @@ class Compressed:
         return {**content, "provenance": provenance}
 
 
-def load(data: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
+def load(data: Mapping[str, object], folder: Path | None) -> Json:
     """Return the constructor's arguments for an object of `model.json` with sparse matrices.
 
     Raises:
@@ -144,7 +144,7 @@ def arguments(found: SparseModel) -> dict[str, Any]:
     }
 
 
-def is_sparse(value: Any) -> bool:
+def is_sparse(value: object) -> bool:
     """Whether a value is a SciPy sparse matrix or array."""
     return sparse.issparse(value)
 

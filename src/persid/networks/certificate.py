@@ -126,14 +126,14 @@ class NetworkCertificate:
         """Return the Lyapunov function at states x (N, n): sum w_k |x_k - x*_k|."""
         return np.asarray(np.abs(np.asarray(x, float) - self.operating_point) @ self.w)
 
-    def overshoot(self, x0: Any) -> float:
+    def overshoot(self, x0: object) -> float:
         """Return V(x0) / min w: without input |x(t) - x*| never exceeds it, apart from rounding."""
         x0 = np.asarray(x0, float)
         if x0.shape != (self.model.n,) or not np.isfinite(x0).all():
             raise ModelError(f"x0 must be {self.model.n} finite numbers")
         return float(self.V(x0[None])[0] / self._least * (1 + self.model.n * 2.0**-50))
 
-    def bound(self, x0: Any, u_sup: float, t: Any) -> Float[ndarray, " N"]:
+    def bound(self, x0: object, u_sup: float, t: object) -> Float[ndarray, " N"]:
         """Return an upper bound of |x(t) - x*| at times t (s), for every input with sup|u - u*| <= u_sup.
 
         Raises:

@@ -37,10 +37,10 @@ def vector_field(
 def phase_portrait(
     ax: Axes,
     model: PersidskiiModel,
-    box: Any = None,
+    box: object = None,
     states: Sequence[int] = (0, 1),
     runs: Sequence[Trajectory] = (),
-    centre: Any = None,
+    centre: object = None,
 ) -> Axes:
     """Draw the vector field over two states with runs as measured; `box` is one (lo, hi) per state."""
     i, j = states

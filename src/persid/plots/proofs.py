@@ -1,7 +1,6 @@
 """Figures of a certificate: its Lyapunov function, its bound, and the sector forms it relies on."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -25,7 +24,7 @@ Proof = Certificate | NetworkCertificate
 
 
 def level_sets(
-    ax: Axes, certificate: Proof, box: Any = None, states: Sequence[int] = (0, 1), runs: Sequence[Trajectory] = ()
+    ax: Axes, certificate: Proof, box: object = None, states: Sequence[int] = (0, 1), runs: Sequence[Trajectory] = ()
 ) -> Axes:
     """Draw level sets of V over two states, the others at the operating point, on the phase portrait.
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from persid._dyadics import value
+from persid._files import Json
 from persid._text import below
 from persid.certificates.certificate import Certificate
 from persid.identification.scores import Scores
@@ -20,7 +21,7 @@ MOST_STATES = 20  # of an undecided model whose equilibrium is sought anew
 
 
 def cautions(
-    verdict: Verdict, scores: Scores | None, data: Measurements | None = None, model: Any = None, hold: str = "zoh"
+    verdict: Verdict, scores: Scores | None, data: Measurements | None = None, model: object = None, hold: str = "zoh"
 ) -> tuple[str, ...]:
     """Return what must stand beside a verdict, in clauses; none where all is well.
 
@@ -53,7 +54,7 @@ def without_margin(verdict: Verdict, asked: float | None) -> tuple[str, ...]:
     return (f"a residual margin of {asked:g} 1/s was asked for; {shown}",)
 
 
-def _nominal(verdict: Verdict, model: Any) -> tuple[ndarray | None, ndarray | None]:
+def _nominal(verdict: Verdict, model: object) -> tuple[ndarray | None, ndarray | None]:
     """Return the nominal state and input that a verdict is about, None where it names none."""
     if isinstance(verdict, Certified):
         proof = verdict.certificate
@@ -113,13 +114,13 @@ def _figures(row: Any) -> str:
     return f"R2 {row.r2_mean:.4f}, error {max(row.percent):.2g} % of the range{blown}"
 
 
-def score_facts(made: Any) -> dict[str, Any]:
+def score_facts(made: Any) -> Json:
     """Return the scores of the delivered model and of the free fit, and the price, for programs."""
     price = (made.comparison or {}).get("price")
     return {"scores": facts(made.scores), "free_scores": facts(made.free_scores), "price": price}
 
 
-def facts(scores: Scores | None) -> dict[str, Any] | None:
+def facts(scores: Scores | None) -> Json | None:
     """Return scores in plain numbers: what they are on, every horizon, and which row is the headline."""
     if scores is None:
         return None

@@ -8,16 +8,16 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.errors import FolderError
 
 
-def write_object(path: Path, content: Mapping[str, Any]) -> None:
+def write_object(path: Path, content: Mapping[str, object]) -> None:
     """Write an object, numbers that JSON has no word for as {"float": "inf"}."""
     write_atomically(path, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
 
 
-def read_object(path: Path, form: str) -> dict[str, Any]:
+def read_object(path: Path, form: str) -> Json:
     """Return the object that a file holds.
 
     Raises:
@@ -52,7 +52,7 @@ def restored(kind: Any, entry: Any) -> Any:
     return tuple(restored(*pair) for pair in zip(inner, entry, strict=True))
 
 
-def _finite(entry: Any) -> Any:
+def _finite(entry: object) -> Any:
     """Write numbers that JSON has no word for as {"float": "inf"}."""
     if isinstance(entry, Mapping):
         return {name: _finite(part) for name, part in entry.items()}
@@ -62,5 +62,5 @@ def _finite(entry: Any) -> Any:
     return {"float": str(entry)} if odd else entry
 
 
-def _number_or_object(content: dict[str, Any]) -> Any:
+def _number_or_object(content: Json) -> Any:
     return float(content["float"]) if set(content) == {"float"} else content

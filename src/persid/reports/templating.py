@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -39,7 +38,7 @@ def _number(number: float | None, digits: int = 4) -> str:
     return f"{number:.{digits}g}" if math.isfinite(number) else ("not a number" if math.isnan(number) else "infinite")
 
 
-def _cell(entry: Any) -> str:
+def _cell(entry: object) -> str:
     """Return any entry of a record as text for a table."""
     if isinstance(entry, list | tuple):
         return ", ".join(_cell(part) for part in entry)

@@ -18,6 +18,7 @@ from numpy import ndarray
 
 import persid as ps
 from persid import plots
+from persid._files import Json
 from persid.identification.free_runs import Score, free_run_score
 from persid.models.integration import lsoda_steps, passed
 from persid.reports.figures import Drawing
@@ -87,14 +88,14 @@ def signal(t: Any) -> Any:
     return np.sin(t) + 0.5 * np.cos(2 * t)
 
 
-def _cell(parts: Parts, combination: str, reading: str, step: str, size: int) -> dict[str, Any]:
+def _cell(parts: Parts, combination: str, reading: str, step: str, size: int) -> Json:
     """Return the scores of one combination on one reading of the paper."""
     parameters = {"functions": COMBINATIONS[combination], "ridge": RIDGE, "share": SHARE, "size": size}
     name = f"combination {combination}, f of the {reading}, step {step.replace('/', ' over ')}"
     return parts.part(name, parameters, partial(_compute, combination, reading, step, size))
 
 
-def _compute(combination: str, reading: str, step: str, size: int) -> dict[str, Any]:
+def _compute(combination: str, reading: str, step: str, size: int) -> Json:
     data = heat(reading, step, size)
     cut = round(SHARE * size)
     whole, split = _fit(combination, data), _fit(combination, _part(data, slice(0, cut)))
@@ -124,7 +125,7 @@ def _fit(combination: str, data: ps.Trajectories) -> ps.PersidskiiIdentifier:
     ).fit(data)
 
 
-def _score(score: Score) -> dict[str, Any]:
+def _score(score: Score) -> Json:
     return {"rmse": score.rmse, "r2": score.r2, "r2_mean": score.r2_mean, "blow_ups": score.blow_ups}
 
 
@@ -150,7 +151,7 @@ def _tables(cells: dict[tuple[str, str], Any]) -> tuple[Table, ...]:
     return (*tables, Table("rank", facts, (columns[0], *columns[2:]), ranks))
 
 
-def _error(score: dict[str, Any]) -> str:
+def _error(score: Json) -> str:
     return "blows up" if score["blow_ups"] else number(score["rmse"])
 
 
@@ -184,7 +185,7 @@ def _drawing(cells: dict[tuple[str, str], Any]) -> Drawing:
     )
 
 
-def _errors(column: dict[str, Any], kind: str) -> Sequence[float]:
+def _errors(column: Json, kind: str) -> Sequence[float]:
     return [np.nan if column[name][kind]["blow_ups"] else column[name][kind]["rmse"] for name in COMBINATIONS]
 
 

@@ -3,12 +3,11 @@
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.reports.figures import STYLE, Drawing
 from persid.studies.tables import Study
 
@@ -35,7 +34,7 @@ def markdown(study: Study) -> str:
     return "\n".join([head, *(table.markdown() for table in study.tables), remarks]).rstrip() + "\n"
 
 
-def _content(study: Study) -> dict[str, Any]:
+def _content(study: Study) -> Json:
     return {
         "format": "persid-study-1",
         "study": study.name,

@@ -55,7 +55,7 @@ class Parts:
         """Return what reports the lines of progress of one part."""
         return lambda line: self.say(f"{name}: {line}")
 
-    def part(self, name: str, parameters: Mapping[str, Any], compute: Callable[[], Json]) -> Json:
+    def part(self, name: str, parameters: Mapping[str, object], compute: Callable[[], Json]) -> Json:
         """Return what `compute` returns, from the file of an earlier run where nothing has changed since.
 
         A result may list `files` below the folder; one that is missing makes the part be computed again.
@@ -94,11 +94,11 @@ class Parts:
         why = verdict.reason.name if isinstance(verdict, Undecided) else getattr(proof, "kind", None)
         return summarize(verdict).to_dict() | {"why": why, "files": files}
 
-    def _key(self, name: str, parameters: Mapping[str, Any]) -> str:
+    def _key(self, name: str, parameters: Mapping[str, object]) -> str:
         content = {"name": name, "parameters": parameters, **self.origin}
         return hashlib.sha256(json.dumps(content, sort_keys=True, default=_refuse).encode()).hexdigest()
 
-    def _complete(self, result: Any) -> bool:
+    def _complete(self, result: object) -> bool:
         return all((self.folder / name).is_file() for name in _files(result))
 
 
@@ -108,7 +108,7 @@ def _proof(verdict: Verdict) -> Any:
     return verdict.witness if isinstance(verdict, Refuted) else verdict.obstruction
 
 
-def _files(result: Any) -> Iterator[str]:
+def _files(result: object) -> Iterator[str]:
     """Yield the names under "files", at any depth."""
     if isinstance(result, Mapping):
         yield from result.get("files", ())
@@ -128,11 +128,11 @@ def _read(path: Path) -> Json | None:
     return found if set(found) == {"key", "seconds", "result"} else None
 
 
-def _refuse(value: Any) -> NoReturn:
+def _refuse(value: object) -> NoReturn:
     raise TypeError(f"a parameter of a part is {value!r}; needed are JSON values, so that its hash is certain")
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Return JSON values: arrays as lists, numbers that JSON has no word for as None."""
     if isinstance(value, Mapping):
         return {str(name): _plain(part) for name, part in value.items()}

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.studies.tables import Figure, Study
 
 FORMAT = "persid-expected-1"
@@ -50,14 +50,14 @@ def record(folder: Path) -> Path:
     """Record the figures in the tables.json of a finished study as what is expected; return the file written."""
     found = json.loads((folder / "tables.json").read_text(encoding="utf-8"))
     path = Path(__file__).with_name("expected") / f"{found['study']}.json"
-    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"format": FORMAT}
+    content: Json = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"format": FORMAT}
     content |= {"study": found["study"], "tolerance": TOLERANCE}
     content[_size(found["quick"])] = _entry(found)
     write_atomically(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     return path
 
 
-def _entry(found: Mapping[str, Any]) -> dict[str, Any]:
+def _entry(found: Mapping[str, Any]) -> Json:
     figures = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in found["figures"].items()}
     return {"versions": found["versions"], "seconds": round(found["seconds"], 1), "figures": figures}
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
+from persid._files import Json
 from persid.reports.figures import Drawing
 
 Figure = float | int | str | None
@@ -23,7 +23,7 @@ class Table:
         lines = [self.columns, ("---",) * len(self.columns), *self.rows]
         return f"{self.caption}\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the table as a JSON object."""
         return asdict(self)
 

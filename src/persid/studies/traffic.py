@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 
 import persid as ps
 from persid import plots
+from persid._files import Json
 from persid.certified_fits.identifier import CertifiedIdentifier
 from persid.identification.free_runs import free_run_score
 from persid.reports.figures import Drawing
@@ -139,13 +140,13 @@ def undisturbed(starts: tuple[tuple[float, float], ...]) -> ps.Trajectories:
     return ps.Trajectories.from_arrays(runs, [np.sin(T)] * len(runs), t=[T] * len(runs))
 
 
-def _cell(parts: Parts, label: str, options: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _cell(parts: Parts, label: str, options: Mapping[str, object], name: str) -> Json:
     """Return scores, run and verdict of one estimator under one disturbance."""
     parameters = {"options": dict(options), "limit": TIME_LIMIT}
     return parts.part(f"{label}, {name}", parameters, partial(_compute, parts, label, options, name))
 
 
-def _compute(parts: Parts, label: str, options: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _compute(parts: Parts, label: str, options: Mapping[str, Any], name: str) -> Json:
     data = disturbed(name)
     try:
         fit = ps.PersidskiiIdentifier(**options).fit(data)
@@ -156,10 +157,10 @@ def _compute(parts: Parts, label: str, options: Mapping[str, Any], name: str) ->
     return _scored(fit.model_, data) | {"verdict": parts.verdict(part, fit.model_, verdict)}
 
 
-def _under_the_certificate(parts: Parts, name: str) -> dict[str, Any]:
+def _under_the_certificate(parts: Parts, name: str) -> Json:
     """Return scores, run and verdict of the best certified model under one disturbance."""
 
-    def compute() -> dict[str, Any]:
+    def compute() -> Json:
         data = disturbed(name)
         free = ps.PersidskiiIdentifier(**ESTIMATORS[DEFAULT])
         fit = CertifiedIdentifier(free, time_limit=FIT_LIMIT, progress=parts.within(f"{UNDER}, {name}")).fit(data)
@@ -168,7 +169,7 @@ def _under_the_certificate(parts: Parts, name: str) -> dict[str, Any]:
     return parts.part(f"{UNDER}, {name}", {"limit": FIT_LIMIT}, compute)
 
 
-def _scored(model: ps.PersidskiiModel, data: ps.Trajectories) -> dict[str, Any]:
+def _scored(model: ps.PersidskiiModel, data: ps.Trajectories) -> Json:
     """Return the scores on the data, from near and from far starts, and the free run itself."""
     on_data = free_run_score(model, data)
     near, far = (free_run_score(model, undisturbed(tuple(starts))) for starts in (NEAR, FAR))
@@ -183,7 +184,7 @@ def _scored(model: ps.PersidskiiModel, data: ps.Trajectories) -> dict[str, Any]:
     }
 
 
-def _truth_verdicts(parts: Parts) -> dict[str, Any]:
+def _truth_verdicts(parts: Parts) -> Json:
     """Ask about the true right-hand side: on all of the plane, and in a box about one of its equilibria."""
     model, say = true_model(), parts.within("true system")
     everywhere = ps.certify(model, time_limit=TIME_LIMIT, progress=say)
@@ -198,7 +199,7 @@ def _truth_verdicts(parts: Parts) -> dict[str, Any]:
 def _tables(
     names: Sequence[str], cells: Mapping[str, Any], strengths: Sequence[float], path: Mapping[str, Any], truth: Any
 ) -> tuple[Table, ...]:
-    def rows(show: Callable[[dict[str, Any]], str]) -> tuple[tuple[str, ...], ...]:
+    def rows(show: Callable[[Json], str]) -> tuple[tuple[str, ...], ...]:
         return tuple((label, *(show(row[name]) for name in names)) for label, row in cells.items())
 
     errors = (("paper", *(PAPER[name] for name in names)), *rows(_errors))
@@ -218,7 +219,7 @@ def _tables(
     )  # fmt: skip
 
 
-def _errors(cell: dict[str, Any], short: bool = False) -> str:
+def _errors(cell: Json, short: bool = False) -> str:
     if "refused" in cell:
         return "no logarithm"
     if cell["blow_ups"]:
@@ -227,28 +228,28 @@ def _errors(cell: dict[str, Any], short: bool = False) -> str:
     return number(cell["rmse"]) if short else f"{number(cell['rmse'])} / {cell['r2']:.4f} / {mean:.3f}"
 
 
-def _starts(cell: dict[str, Any]) -> str:
+def _starts(cell: Json) -> str:
     if "refused" in cell:
         return "—"
     return "; ".join(_ensemble(cell[kind], count) for kind, count in (("near", len(NEAR)), ("far", len(FAR))))
 
 
-def _ensemble(score: dict[str, Any], count: int) -> str:
+def _ensemble(score: Json, count: int) -> str:
     return f"{score['blow_ups']} of {count} blow up" if score["blow_ups"] else number(score["rmse"], 3)
 
 
-def _verdict(cell: dict[str, Any]) -> str:
+def _verdict(cell: Json) -> str:
     return "—" if "refused" in cell else _words(cell["verdict"])
 
 
-def _words(verdict: dict[str, Any]) -> str:
+def _words(verdict: Json) -> str:
     """Return a verdict as words: its claim, or why there is none."""
     if verdict["verdict"] != "certified":
         return f"{verdict['verdict']} ({verdict['why'].lower().replace('_', ' ').replace('-', ' ')})"
     return _kind(verdict) + (f", gain {verdict['gain']:.3g}" if verdict["gain"] else "")
 
 
-def _kind(verdict: dict[str, Any]) -> str:
+def _kind(verdict: Json) -> str:
     return str(verdict["verdict"] + (" regionally" if verdict["scope"] == "regional" else ""))
 
 
@@ -266,7 +267,7 @@ def _figures(
     return found | {f"true system, {scope}": _kind(truth[scope]) for scope in ("global", "regional")}
 
 
-def _cell_figures(label: str, cell: dict[str, Any]) -> dict[str, float | int | str | None]:
+def _cell_figures(label: str, cell: Json) -> dict[str, float | int | str | None]:
     if "refused" in cell:
         return {f"{label}: verdict": "refused"}
     calm = not cell["blow_ups"]

@@ -21,6 +21,7 @@ from numpy import ndarray
 
 import persid as ps
 from persid import plots
+from persid._files import Json
 from persid.identification.baselines import OneStepRegressor
 from persid.identification.free_runs import Score, free_run_score, one_step, score
 from persid.models.steps import runge_kutta
@@ -186,17 +187,17 @@ def _tuned(label: str, size: Size, seed: int, say: Callable[[str], None]) -> tup
     return model, ridge, seconds / len(tried)
 
 
-def _cell(parts: Parts, label: str, size: Size, seed: int) -> dict[str, Any]:
+def _cell(parts: Parts, label: str, size: Size, seed: int) -> Json:
     """Return the scores of one model for one seed."""
     name = f"{label}, seed {seed}"
     return parts.part(name, _parameters(label, size), partial(_compute, label, size, seed, parts.within(name)))
 
 
-def _parameters(label: str, size: Size) -> dict[str, Any]:
+def _parameters(label: str, size: Size) -> Json:
     return {"size": asdict(size), "strengths": list(_strengths(label)), "options": GPS.get(label, {})}
 
 
-def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
+def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> Json:
     model, ridge, seconds = _tuned(label, size, seed, say)
     say("free runs")
     held, paper = _free_runs(model, _data(size, seed)[2]), _free_runs(model, paper_run(size.points))
@@ -209,14 +210,14 @@ def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> d
     }  # fmt: skip
 
 
-def _score(found: Score) -> dict[str, Any]:
+def _score(found: Score) -> Json:
     return {"rmse": found.rmse, "r2": found.r2, "r2_mean": found.r2_mean, "blow_ups": found.blow_ups}
 
 
-def _single(parts: Parts, label: str, size: Size) -> dict[str, Any]:
+def _single(parts: Parts, label: str, size: Size) -> Json:
     """Return the errors on the paper's run of a fit to that run alone: one step ahead, and in a free run."""
 
-    def compute() -> dict[str, Any]:
+    def compute() -> Json:
         data = paper_run(size.points)
         model = _fit(label, data, _strengths(label)[0])
         return {"free": _score(_free_runs(model, data)), "one step": _one_step(model, data)}
@@ -232,12 +233,12 @@ def _one_step(model: Any, data: ps.Trajectories) -> float | None:
     return score(run.x[1:], one_step(model.model_, run, "paper", 20)[:-1]).rmse
 
 
-def _verdict(parts: Parts, label: str, size: Size) -> dict[str, Any]:
+def _verdict(parts: Parts, label: str, size: Size) -> Json:
     """Return the verdict on the model of the first seed."""
 
     name = f"{label}, verdict"
 
-    def compute() -> dict[str, Any]:
+    def compute() -> Json:
         model = _tuned(label, size, 0, parts.within(name))[0].model_
         verdict = ps.certify(model, time_limit=TIME_LIMIT, progress=parts.within(name))
         return parts.verdict(f"{label}, seed 0", model, verdict)
@@ -245,10 +246,10 @@ def _verdict(parts: Parts, label: str, size: Size) -> dict[str, Any]:
     return parts.part(name, _parameters(label, size) | {"limit": TIME_LIMIT}, compute)
 
 
-def _cost(parts: Parts, label: str, size: Size) -> dict[str, Any]:
+def _cost(parts: Parts, label: str, size: Size) -> Json:
     """Return processor seconds and the largest new memory of one fit to the runs of the first seed."""
 
-    def compute() -> dict[str, Any]:
+    def compute() -> Json:
         data, ridge = _data(size, 0)[0], _strengths(label)[0]
         started = time.process_time()
         _fit(label, data, ridge)

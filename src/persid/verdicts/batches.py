@@ -47,7 +47,7 @@ Subject = PersidskiiModel | OutputModel | str | Path
 def certify_many(
     models: Sequence[Subject],
     *,
-    engine: Any = "processes",
+    engine: object = "processes",
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -91,7 +91,7 @@ def certify_many(
 
 
 def _engine(
-    engine: Any, scheduler: str | None, jobs: int | None
+    engine: object, scheduler: str | None, jobs: int | None
 ) -> Callable[[list[Subject], dict[str, Any]], Numbered]:
     """Return what decides models one by one, in any order."""
     if scheduler is None and (engine is None or engine == "processes"):

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -41,9 +40,9 @@ FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 
 def certify(
     model: PersidskiiModel | OutputModel,
     *,
-    operating_point: Any = "auto",
-    u_op: Any = None,
-    domain: Any = "global",
+    operating_point: object = "auto",
+    u_op: object = None,
+    domain: object = "global",
     gains: str = "joint",
     rate: float | int | None = None,
     claim: str = "strongest",
@@ -183,18 +182,18 @@ def _undecided(failure: Failure, asked: _Asked, log: Log) -> Undecided:
     return Undecided(failure.reason, failure.detail, tuple(log.attempts), failure.obstruction, evidence)
 
 
-def _near(model: PersidskiiModel, operating_point: Any) -> ndarray | None:
+def _near(model: PersidskiiModel, operating_point: object) -> ndarray | None:
     """Return the state near which the operating point is meant, None for the one nearest to x_ref."""
     if isinstance(operating_point, str) and operating_point == "auto":
         return None
     return vector('operating_point, if not "auto",', operating_point, model.n)
 
 
-def _is_auto(domain: Any) -> bool:
+def _is_auto(domain: object) -> bool:
     return isinstance(domain, str) and domain == "auto"
 
 
-def _box(model: PersidskiiModel, domain: Any) -> ndarray | None:
+def _box(model: PersidskiiModel, domain: object) -> ndarray | None:
     """Return the box that a regional question names, None for a global one."""
     if isinstance(domain, str):
         if domain not in ("global", "data", "auto"):

@@ -1,7 +1,5 @@
 """One certificate of format 2, one answer."""
 
-from typing import Any
-
 from persid_check.identity import Meant, require_same
 from persid_check.ledger import MAX_BYTES
 from persid_check.ledger.file import read_ledger
@@ -16,7 +14,7 @@ MOST_STEPS = 4 * 10**6
 ENTRIES = 10**6  # of a matrix, and more for each byte
 
 
-def check_ledger(data: Any, size: int, wanted: Meant | None) -> Accepted:
+def check_ledger(data: object, size: int, wanted: Meant | None) -> Accepted:
     """Return what is proved by a file of `size` bytes, or raise.
 
     Raises:

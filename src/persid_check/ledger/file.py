@@ -59,7 +59,7 @@ FIELDS = (
 )  # fmt: skip
 
 
-def read_ledger(data: Any) -> Ledger:
+def read_ledger(data: object) -> Ledger:
     """Return the value of a certificate's JSON object.
 
     Raises:
@@ -105,24 +105,24 @@ def read_ledger(data: Any) -> Ledger:
     )
 
 
-def _listed(name: str, data: Mapping[str, Any]) -> list[tuple[int, Any]]:
+def _listed(name: str, data: Mapping[str, object]) -> list[tuple[int, Any]]:
     return list(enumerate(read_list(name, data[name])))
 
 
-def _short(where: str, value: Any, longest: int) -> list[Any]:
+def _short(where: str, value: object, longest: int) -> list[Any]:
     found = read_list(where, value)
     if len(found) > longest:
         raise FormatError(where, f"at most {longest} are read")
     return found
 
 
-def _one_of(where: str, value: Any, known: Sequence[str]) -> str:
+def _one_of(where: str, value: object, known: Sequence[str]) -> str:
     if not isinstance(value, str) or value not in known:
         raise FormatError(where, f"one of {', '.join(known)} is needed")
     return value
 
 
-def _cuts(where: str, value: Any) -> Cuts:
+def _cuts(where: str, value: object) -> Cuts:
     exponent, listed = read_list(where, value, 2)
     if abs(read_integer(f"{where}[0]", exponent, 64)) > MAX_EXPONENT:
         raise FormatError(where, f"an exponent of at most {MAX_EXPONENT} is needed")
@@ -132,7 +132,7 @@ def _cuts(where: str, value: Any) -> Cuts:
     return positions(cuts, exponent)
 
 
-def _row(where: str, value: Any, size: int) -> Row:
+def _row(where: str, value: object, size: int) -> Row:
     found: dict[int, Fraction] = {}
     last = -1
     for k, pair in enumerate(read_list(where, value)):
@@ -144,7 +144,7 @@ def _row(where: str, value: Any, size: int) -> Row:
     return {i: value for i, value in found.items() if value}
 
 
-def _curve(where: str, value: Any) -> Curve:
+def _curve(where: str, value: object) -> Curve:
     fields = ("functions", "shift", "domain", "continuous", "forms", "products")
     value = read_object(where, value, fields)
     functions = tuple(
@@ -167,7 +167,7 @@ def _curve(where: str, value: Any) -> Curve:
     )
 
 
-def _function(where: str, value: Any) -> tuple[Program, Fraction]:
+def _function(where: str, value: object) -> tuple[Program, Fraction]:
     text, alpha = read_list(where, value, 2)
     try:
         program = parse(read_text(where, text, MAX_LENGTH_WITH_TABLES))
@@ -179,12 +179,12 @@ def _function(where: str, value: Any) -> tuple[Program, Fraction]:
     return program, scale
 
 
-def _pair(where: str, value: Any) -> tuple[Fraction, Fraction]:
+def _pair(where: str, value: object) -> tuple[Fraction, Fraction]:
     first, second = read_dyadics(where, value, 2)
     return first, second
 
 
-def _shift(where: str, value: Any) -> tuple[Fraction, Fraction] | str | None:
+def _shift(where: str, value: object) -> tuple[Fraction, Fraction] | str | None:
     if value is None or (isinstance(value, str) and value == "any"):
         return value
     center, radius = _pair(where, value)
@@ -193,7 +193,7 @@ def _shift(where: str, value: Any) -> tuple[Fraction, Fraction] | str | None:
     return center, radius
 
 
-def _form(where: str, value: Any, size: int, count: int) -> Form:
+def _form(where: str, value: object, size: int, count: int) -> Form:
     value = read_object(where, value, ("l", "is", "cuts", "offset", "upper", "lower"))
     kind = _one_of(f"{where}.is", value["is"], KINDS)
     offset = read_nonnegative(f"{where}.offset", value["offset"])
@@ -213,20 +213,20 @@ def _form(where: str, value: Any, size: int, count: int) -> Form:
     )
 
 
-def _upper(where: str, value: Any) -> Upper:
+def _upper(where: str, value: object) -> Upper:
     c, e, cuts = read_list(where, value, 3)
     found = None if cuts is None else _cuts(where, cuts)
     return Upper(read_nonnegative(where, c), read_nonnegative(where, e), found)
 
 
-def _product(where: str, value: Any, count: int) -> ProductForm:
+def _product(where: str, value: object, count: int) -> ProductForm:
     k, q, c, cuts = read_list(where, value, 4)
     return ProductForm(
         read_index(where, k, count), read_index(where, q, count), read_dyadic(where, c), _cuts(where, cuts)
     )
 
 
-def _point(where: str, value: Any, curves: Sequence[Curve], model: Model) -> Point:
+def _point(where: str, value: object, curves: Sequence[Curve], model: Model) -> Point:
     value = read_object(where, value, ("curve", "row", "channels", "densities"))
     place = read_index(f"{where}.curve", value["curve"], len(curves))
     curve = curves[place]
@@ -240,7 +240,7 @@ def _point(where: str, value: Any, curves: Sequence[Curve], model: Model) -> Poi
     return Point(place, _row(f"{where}.row", value["row"], model.n), channels, tuple(densities))
 
 
-def _facts(value: Any, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
+def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
     lists = read_object("facts", value, ("value", "one_signed", "difference", "constant"))
     found = []
     for kind, width in (("value", 4), ("one_signed", 5), ("difference", 6), ("constant", 3)):
@@ -269,7 +269,7 @@ def _fact(where: str, kind: str, entry: list[Any], curves: Sequence[Curve], poin
     return Fact(kind, p, q, sign, k, l, read_nonnegative(where, tau))
 
 
-def _deviation(where: str, value: Any, n: int, size: int) -> Deviation:
+def _deviation(where: str, value: object, n: int, size: int) -> Deviation:
     value = read_object(where, value, ("columns", "C", "s", "epsilon"))
     columns = tuple(
         _row(f"{where}.columns[{i}]", row, n) for i, row in enumerate(read_list(f"{where}.columns", value["columns"]))
@@ -280,7 +280,7 @@ def _deviation(where: str, value: Any, n: int, size: int) -> Deviation:
     )
 
 
-def _spanning(value: Any, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[tuple[int, int], ...]:
+def _spanning(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[tuple[int, int], ...]:
     found = []
     for i, pair in enumerate(read_list("spanning", value)):
         p, k = read_list(f"spanning[{i}]", pair, 2)
@@ -289,12 +289,12 @@ def _spanning(value: Any, curves: Sequence[Curve], points: Sequence[Point]) -> t
     return tuple(found)
 
 
-def _strip(where: str, value: Any, n: int) -> tuple[Row, Fraction, Fraction]:
+def _strip(where: str, value: object, n: int) -> tuple[Row, Fraction, Fraction]:
     row, lo, hi = read_list(where, value, 3)
     return _row(where, row, n), read_dyadic(where, lo), read_dyadic(where, hi)
 
 
-def _outputs(value: Any, model: Mapping[str, Any]) -> Outputs | None:
+def _outputs(value: object, model: Mapping[str, object]) -> Outputs | None:
     if isinstance(value, list) and not value:
         return None
     block = read_object("outputs", value, ("sha256", *OUTPUT_FIELDS, "constants", "lipschitz"))
@@ -306,7 +306,7 @@ def _outputs(value: Any, model: Mapping[str, Any]) -> Outputs | None:
     return Outputs(stated, tuple(Output(*entry) for entry in entries))
 
 
-def _maps(texts: list[str] | None, bounds: Any, count: int) -> Sequence[Map | None]:
+def _maps(texts: list[str] | None, bounds: object, count: int) -> Sequence[Map | None]:
     if (texts is None) != (bounds is None):
         raise FormatError("outputs.lipschitz", "null without output_map, else a bound with cuts for each output")
     if texts is None:
@@ -319,7 +319,7 @@ def _maps(texts: list[str] | None, bounds: Any, count: int) -> Sequence[Map | No
     return found
 
 
-def _proof(value: Any) -> dict[str, Factor]:
+def _proof(value: object) -> dict[str, Factor]:
     proof = read_object("proof", value, ("P", "M", "V"))
     return {
         name: () if rows is None and name == "V" else read_factor(f"proof.{name}", rows) for name, rows in proof.items()

@@ -234,7 +234,7 @@ def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: 
     return NetworkSubject(claim, data["model_sha256"], form, model, nodes_of(model), arrays)
 
 
-def _refuse_unpaid(data: Mapping[str, Any], arrays: companion.Arrays, n: int) -> None:
+def _refuse_unpaid(data: Mapping[str, object], arrays: companion.Arrays, n: int) -> None:
     """A number for each node stands in the file or in its companion before anything of that size is made."""
     where, name = ("weights", "w") if "weights" in data else ("z", "z")
     given = arrays.get(name) if data[where] is None else data[where]
@@ -242,11 +242,11 @@ def _refuse_unpaid(data: Mapping[str, Any], arrays: companion.Arrays, n: int) ->
         raise FormatError(where, f"{n} numbers are needed, here or as {name!r} in the companion")
 
 
-def _entry(value: Any) -> Mapping[str, Any]:
+def _entry(value: object) -> Mapping[str, Any]:
     return read_object("companion", value, ("npz", "sha256"))
 
 
-def _vector(where: str, value: Any, subject: NetworkSubject, name: str) -> "Sequence[Fraction] | ndarray":
+def _vector(where: str, value: object, subject: NetworkSubject, name: str) -> "Sequence[Fraction] | ndarray":
     """Return n numbers of the file, or of its companion where the file says null."""
     if value is not None:
         return read_dyadics(where, value, subject.nodes.n)
@@ -260,7 +260,7 @@ def _vector(where: str, value: Any, subject: NetworkSubject, name: str) -> "Sequ
     return found
 
 
-def _kinds(value: Any, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Kind, ...]:
+def _kinds(value: object, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Kind, ...]:
     """Return the kinds of the file in the order of the nodes' kinds."""
     entries = read_list("kinds", value)
     if len(entries) > MAX_KINDS:
@@ -274,7 +274,7 @@ def _kinds(value: Any, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Ki
     return tuple(found[functions] for functions in nodes.kinds)
 
 
-def _kind(where: str, entry: Mapping[str, Any]) -> Kind:
+def _kind(where: str, entry: Mapping[str, object]) -> Kind:
     pairs = [read_list(f"{where}.functions", pair, 2) for pair in read_list(f"{where}.functions", entry["functions"])]
     if len(pairs) > MAX_FUNCTIONS:
         raise FormatError(f"{where}.functions", f"at most {MAX_FUNCTIONS} are read")
@@ -283,14 +283,14 @@ def _kind(where: str, entry: Mapping[str, Any]) -> Kind:
     return Kind(functions, forms, rays)
 
 
-def _vectors(where: str, value: Any, size: int) -> Forms:
+def _vectors(where: str, value: object, size: int) -> Forms:
     rows = read_list(where, value)
     if len(rows) > MAX_FORMS:
         raise FormatError(where, f"at most {MAX_FORMS} are read")
     return tuple(read_dyadics(f"{where}[{k}]", row, size) for k, row in enumerate(rows))
 
 
-def _expression(where: str, text: Any) -> str:
+def _expression(where: str, text: object) -> str:
     expression = read_text(where, text, 5000)
     try:
         parse(expression)
@@ -299,7 +299,7 @@ def _expression(where: str, text: Any) -> str:
     return expression
 
 
-def _choice(value: Any, subject: NetworkSubject, kinds: tuple[Kind, ...]) -> "Sequence[int] | ndarray":
+def _choice(value: object, subject: NetworkSubject, kinds: tuple[Kind, ...]) -> "Sequence[int] | ndarray":
     nodes = subject.nodes
     counts = [len(kind.rays) for kind in kinds]
     if value is not None:

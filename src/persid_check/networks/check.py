@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from persid_check.identity import Meant, require_same
 from persid_check.networks.certificate import prove_network, prove_no_weights, read_network
@@ -12,7 +11,7 @@ from persid_check.work import allowance, limited
 
 
 def check_network(
-    data: Mapping[str, Any], size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None
+    data: Mapping[str, object], size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None
 ) -> Accepted:
     """Return what is proved by a file of `size` bytes with its companion, in a folder or given, or raise.
 

@@ -1,7 +1,6 @@
 """One refutation or obstruction, one answer."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from persid_check.identity import Meant, require_same
 from persid_check.refutations.format import Obstruction, Refutation, read_obstruction, read_refutation
@@ -11,7 +10,7 @@ from persid_check.results import Accepted
 from persid_check.work import allowance, limited
 
 
-def check_refutation(data: Mapping[str, Any], size: int, wanted: Meant | None) -> Accepted:
+def check_refutation(data: Mapping[str, object], size: int, wanted: Meant | None) -> Accepted:
     """Return what is proved by a file of `size` bytes, or raise.
 
     Raises:

@@ -65,7 +65,7 @@ FIELDS = {
 }
 
 
-def read_obstruction(data: Mapping[str, Any]) -> Obstruction:
+def read_obstruction(data: Mapping[str, object]) -> Obstruction:
     """Return the value of a file of claim "infeasible".
 
     Raises:
@@ -91,7 +91,7 @@ def read_obstruction(data: Mapping[str, Any]) -> Obstruction:
     return Obstruction(subject, full, forms, L, read_factor("proof.P", proof["P"]) if full else ())
 
 
-def _forms(where: str, value: Any, width: int) -> Forms:
+def _forms(where: str, value: object, width: int) -> Forms:
     rows = read_list(f"{where}.forms", read_object(where, value, ("forms",))["forms"])
     if len(rows) > MAX_FORMS:
         raise FormatError(f"{where}.forms", f"at most {MAX_FORMS} forms are read")

@@ -1,7 +1,6 @@
 """One certificate of version 1, one answer: the only door to this room."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from persid_check.identity import Meant, require_same
 from persid_check.results import Accepted
@@ -11,7 +10,7 @@ from persid_check.version_1.format import read_certificate
 from persid_check.work import allowance, limited
 
 
-def check_version_1(data: Mapping[str, Any], size: int, wanted: Meant | None) -> Accepted:
+def check_version_1(data: Mapping[str, object], size: int, wanted: Meant | None) -> Accepted:
     """Return what is proved by a file of `size` bytes, or raise.
 
     Raises:

@@ -59,7 +59,7 @@ def detached(data: Any) -> tuple[Any, dict[str, Any]]:
     return ({name: value for name, value in data.items() if name not in more} if more else data), more
 
 
-def read_conclusions(more: Mapping[str, Any], subject: Subject) -> Conclusions:
+def read_conclusions(more: Mapping[str, object], subject: Subject) -> Conclusions:
     """Return what the optional fields claim.
 
     Raises:
@@ -71,7 +71,7 @@ def read_conclusions(more: Mapping[str, Any], subject: Subject) -> Conclusions:
     return Conclusions(outputs, "incremental" in more)
 
 
-def _outputs(value: Any, subject: Subject) -> Outputs:
+def _outputs(value: object, subject: Subject) -> Outputs:
     block = read_object("outputs", value, ("sha256", *FIELDS, "constants", "lipschitz"))
     stated = read_stated(block, subject.form)
     count, maps = len(block["outputs"]), block["output_map"]

@@ -101,12 +101,12 @@ def read_certificate(data: Mapping[str, Any]) -> Stability:
     )
 
 
-def _proof(value: Any) -> dict[str, Factor]:
+def _proof(value: object) -> dict[str, Factor]:
     proof = read_object("proof", value, ("P", "Q"))
     return {name: read_factor(f"proof.{name}", rows) for name, rows in proof.items()}
 
 
-def _box(value: Any, n: int) -> tuple[tuple[Fraction, Fraction], ...]:
+def _box(value: object, n: int) -> tuple[tuple[Fraction, Fraction], ...]:
     sides = [read_dyadics(f"box[{i}]", side, 2) for i, side in enumerate(read_list("box", value, n))]
     return tuple((side[0], side[1]) for side in sides)
 
@@ -116,7 +116,7 @@ def _group_fields(claim: str) -> tuple[str, ...]:
     return ("forms", "mu", "products", *more)
 
 
-def _group_proofs(value: Any, subject: Subject, known: tuple[str, ...]) -> tuple[GroupProof, ...]:
+def _group_proofs(value: object, subject: Subject, known: tuple[str, ...]) -> tuple[GroupProof, ...]:
     entries = read_list("groups", value, len(subject.groups))
     return tuple(
         _group_proof(f"groups[{g}]", entry, 1 + len(group.members), known)
@@ -124,7 +124,7 @@ def _group_proofs(value: Any, subject: Subject, known: tuple[str, ...]) -> tuple
     )
 
 
-def _group_proof(where: str, value: Any, width: int, known: tuple[str, ...]) -> GroupProof:
+def _group_proof(where: str, value: object, width: int, known: tuple[str, ...]) -> GroupProof:
     group = read_object(where, value, known)
     rows = read_list(f"{where}.forms", group["forms"])
     if len(rows) > MAX_FORMS:
@@ -140,7 +140,7 @@ def _group_proof(where: str, value: Any, width: int, known: tuple[str, ...]) -> 
     )
 
 
-def _products(where: str, value: Any, size: int) -> tuple[tuple[int, int, Fraction], ...]:
+def _products(where: str, value: object, size: int) -> tuple[tuple[int, int, Fraction], ...]:
     found = []
     for i, entry in enumerate(read_list(where, value)):
         place = f"{where}[{i}]"
@@ -153,6 +153,6 @@ def _products(where: str, value: Any, size: int) -> tuple[tuple[int, int, Fracti
     return tuple(found)
 
 
-def _constants(where: str, value: Any, size: int) -> tuple[Fraction | None, ...]:
+def _constants(where: str, value: object, size: int) -> tuple[Fraction | None, ...]:
     read: Callable[[int, Any], Fraction | None] = lambda i, v: None if v is None else read_dyadic(f"{where}[{i}]", v)  # noqa: E731
     return tuple(read(i, entry) for i, entry in enumerate(read_list(where, value, size)))

@@ -22,7 +22,7 @@ FORMATS = {  # the first bytes of a file -> its reader; everything else is text
 
 
 def read_measurements(
-    paths: Any,
+    paths: object,
     *,
     states: Sequence[str],
     inputs: Sequence[str] = (),
@@ -30,7 +30,7 @@ def read_measurements(
     dt: float | int | None = None,
     gap: float | int | None = None,
     missing: str = "error",
-    na: Sequence[Any] = (),
+    na: Sequence[object] = (),
     run: str | None = None,
     delay: Mapping[str, float | int] | None = None,
 ) -> Trajectories:
@@ -71,7 +71,7 @@ def read_measurements(
     return Trajectories.of(runs_of_tables((table_of(source, columns) for source in files_of(paths)), columns))
 
 
-def read_csv(paths: Any, **options: Any) -> Trajectories:
+def read_csv(paths: object, **options: Any) -> Trajectories:
     """Read text files in any dialect: `read_measurements` under its best-known name.
 
     Raises:
@@ -85,7 +85,7 @@ def read_csv(paths: Any, **options: Any) -> Trajectories:
     return read_measurements(paths, **options)
 
 
-def read_parquet(paths: Any, **options: Any) -> Trajectories:
+def read_parquet(paths: object, **options: Any) -> Trajectories:
     """Read Parquet files (needs pyarrow): `read_measurements`, rows counted from 1 without a header.
 
     Raises:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-from typing import Any
 
 from persid._libraries import library
 from persid.errors import DataError
@@ -35,7 +34,7 @@ def excel_table(source: Source, columns: Columns) -> Table:
     raise DataError(f"{source}: no sheet holds two rows")
 
 
-def _text(cell: Any) -> str:
+def _text(cell: object) -> str:
     """Return a cell as text that reads back as the same number."""
     if cell is None:
         return ""

@@ -94,7 +94,7 @@ def _all_commas(texts: pd.Series) -> bool:
 def _numbers(texts: pd.Series, decimal: str) -> pd.Series:
     """Return texts as numbers where they are some."""
 
-    def number(cell: Any) -> Any:
+    def number(cell: object) -> Any:
         try:
             return float(cell.replace(decimal, ".")) if isinstance(cell, str) else cell
         except ValueError:

@@ -28,7 +28,7 @@ class Algebra:
     binary: Mapping[str, Callable[[Any, Any], Any]]
     unary: Mapping[str, Callable[[Any], Any]]
 
-    def value(self, program: Program, x: Any) -> Any:
+    def value(self, program: Program, x: object) -> Any:
         """Return the value of an expression at x."""
         stack: list[Any] = []
         for step in program:
@@ -46,7 +46,7 @@ class Algebra:
         return stack.pop()
 
 
-def right_side(field: VectorField, x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
+def right_side(field: VectorField, x: object, u: object, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
     """Return A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)) + B (u - u_ref) + b as a column of another library.
 
     Paper: eq:main_system_Per. `matrix` makes a library's matrix of an array (or list of rows); x and u are columns.
@@ -62,7 +62,7 @@ def right_side(field: VectorField, x: Any, u: Any, algebra: Algebra, matrix: Cal
     return dot + matrix(field.B) @ (u - matrix(field.u_ref[:, None])) if field.m else dot
 
 
-def output_side(seen: OutputEquation, x: Any, u: Any, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
+def output_side(seen: OutputEquation, x: object, u: object, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
     """Return h(C (x - x_ref) + D (u - u_ref) + d) as a column of another library; see `right_side`."""
     field = seen.field
     y = matrix(seen.C) @ (x - matrix(field.x_ref[:, None])) + matrix(seen.d[:, None])

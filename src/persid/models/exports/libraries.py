@@ -67,12 +67,12 @@ def _symbols(names: Sequence[str]) -> list[Any]:
     return [sympy.Symbol(name) for name in names]
 
 
-def _in_sympy(side: Callable[..., Any], x: Sequence[Any], u: Sequence[Any], exact: bool) -> Any:
+def _in_sympy(side: Callable[..., Any], x: Sequence[object], u: Sequence[object], exact: bool) -> Any:
     """Return a side of the equations in symbols for states and inputs."""
     sympy = library("sympy", "interop")
     algebra = sympy_algebra(exact)
 
-    def entry(value: Any) -> Any:
+    def entry(value: object) -> Any:
         return algebra.number(Fraction(float(value))) if isinstance(value, float) else value
 
     def matrix(array: Any) -> Any:
@@ -98,7 +98,7 @@ def prepared(field: VectorField) -> Callable[..., ndarray]:
     """Return rhs(t, x, u=None) in NumPy with everything fixed computed beforehand."""
     dot, B, u_ref, b = field.drift(), field.B, field.u_ref, field.b
 
-    def rhs(t: float | int, x: Any, u: Any = None) -> ndarray:
+    def rhs(t: float | int, x: object, u: object = None) -> ndarray:
         rate = dot(np.asarray(x, float)) + b
         return np.asarray(rate if u is None else rate + B @ (np.asarray(u, float) - u_ref))
 

@@ -24,7 +24,7 @@ class _Feature:
     constant: bool = False
 
 
-def from_pysindy(model: Any, functions: Sequence[str] = ()) -> PersidskiiModel:
+def from_pysindy(model: object, functions: Sequence[str] = ()) -> PersidskiiModel:
     """Return a fitted continuous-time `pysindy.SINDy` model as a PersidskiiModel with the same right side.
 
     Its library may be made of PolynomialLibrary, FourierLibrary, CustomLibrary, ConcatLibrary and GeneralizedLibrary.
