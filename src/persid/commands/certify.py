@@ -104,7 +104,7 @@ def certify(
     from persid.verdicts.batches import certify_many
     from persid.verdicts.certify import certify as decide
 
-    talk = Talk(as_json, quiet)
+    talk = Talk(as_json, quiet, output)
     targets = _targets(models, output)
     if plant and len(models) > 1:
         raise click.UsageError("--plant goes with one model")

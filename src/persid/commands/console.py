@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Timer
 
 from persid.commands.words import SAID, spoken, spoken_object
@@ -18,17 +19,28 @@ COLORS = {"certified": "32", "accepted": "32", "refuted": "31", "rejected": "31"
 
 @dataclass(frozen=True)
 class Talk:
-    """How to speak: one JSON object, or a table for people, or nothing."""
+    """How to speak: one JSON object, or a table, or nothing; on stderr where `output`, a file of results, is stdout."""
 
     as_json: bool = False
     quiet: bool = False
+    output: Path | None = None
 
     def result(self, content: Mapping[str, object], rows: Sequence[tuple[str, str]]) -> None:
         """Print a result: the object for programs, or the rows for people."""
+        stream = sys.stderr if self._aside() else sys.stdout
         if self.as_json:
-            print(json.dumps(spoken_object(content), allow_nan=False, default=float))
+            print(json.dumps(spoken_object(content), allow_nan=False, default=float), file=stream)
         elif not self.quiet:
-            print(table([(name, spoken(text) if name in SAID else text) for name, text in rows]))
+            print(table([(name, spoken(text) if name in SAID else text) for name, text in rows]), file=stream)
+
+    def _aside(self) -> bool:
+        """Whether a file of results is written to stdout (`-o /dev/stdout`): what is said of it goes to stderr."""
+        if self.output is None or not self.output.exists():
+            return False
+        try:
+            return os.path.samestat(self.output.stat(), os.fstat(sys.stdout.fileno()))
+        except (OSError, ValueError):  # no descriptor
+            return False
 
     @contextmanager
     def progress(self) -> Iterator["Progress"]:

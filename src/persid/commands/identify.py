@@ -218,7 +218,7 @@ def identify(
     from persid.identification.advice import advise
     from persid.models.equations import equations
 
-    talk = Talk(as_json, quiet)
+    talk = Talk(as_json, quiet, output)
     refuse_unwritable(output)
     chosen = fit_options(how)
     with talk.progress() as progress:
@@ -270,7 +270,7 @@ def bootstrap(
     from persid._files import write_atomically
     from persid.certified_fits import bootstrap as batches
 
-    talk = Talk(as_json, quiet)
+    talk = Talk(as_json, quiet, output)
     refuse_unwritable(output)
     chosen = fit_options(how)
     with talk.progress() as progress:

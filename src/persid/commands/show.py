@@ -33,7 +33,7 @@ def simulate(
     from persid.commands import signals as making
     from persid.models.outputs import OutputModel
 
-    talk = Talk(as_json, quiet)
+    talk = Talk(as_json, quiet, output)
     subject = read_model(model)
     refuse_unwritable(output)
     with talk.progress() as progress:
