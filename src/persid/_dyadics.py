@@ -29,6 +29,11 @@ def exact(pair: Sequence[int]) -> Fraction:
     return Fraction(pair[0]) * Fraction(2) ** pair[1]
 
 
+def is_dyadic(number: Fraction) -> bool:
+    """Whether a fraction is an integer over a power of two."""
+    return number.denominator & (number.denominator - 1) == 0
+
+
 def dyadic(number: float, bits: int | None = None) -> list[int]:
     """Return [mantissa, exponent] of a float, exactly, or rounded to a number of bits first."""
     if number == 0:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from persid._dyadics import exact
+from persid._dyadics import exact, is_dyadic
 from persid._files import Json
 from persid.certificates.encoding import factor
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
@@ -245,7 +245,7 @@ def _dyadic_row(
 
     The cuts of lemmas lie about 1, where functions of arguments of the size of r'x bend.
     """
-    if all(alpha.denominator & (alpha.denominator - 1) == 0 for alpha in alphas) or not row:
+    if all(map(is_dyadic, alphas)) or not row:
         return Fraction(1), row, alphas
     common = gcd(*(value.numerator for value in row.values()))
     k = Fraction(common, 1 << common.bit_length())

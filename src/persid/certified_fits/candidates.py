@@ -11,6 +11,7 @@ from sklearn.base import clone
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
 from persid.identification.identifier import PersidskiiIdentifier
+from persid.identification.scores import parted
 from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
 from persid.models.functions import scalar_function
@@ -170,10 +171,7 @@ def halves(data: Trajectories) -> tuple[Trajectories, Trajectories] | None:
     """Return the first part of every run and the rest to be scored on, or None where the runs are too short."""
     if min(len(run) for run in data) * VALIDATED < SHORTEST:
         return None
-    cuts = [len(run) - int(VALIDATED * len(run)) for run in data]
-    first = tuple(run[:cut] for run, cut in zip(data, cuts, strict=True))
-    rest = tuple(run[cut : cut + LONGEST] for run, cut in zip(data, cuts, strict=True))
-    return Trajectories(first, data.states, data.inputs), Trajectories(rest, data.states, data.inputs)
+    return parted(data, [len(run) - int(VALIDATED * len(run)) for run in data], LONGEST)
 
 
 def free_run_error(model: PersidskiiModel, data: Trajectories, hold: str) -> float:

@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from persid.identification.basis import Basis
 from persid.identification.estimators.weak import window_rows
+from persid.measurements.recordings import evenly
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
@@ -45,7 +46,7 @@ def increments(
     if not pairs:
         return np.zeros((0, basis.size)), np.zeros((0, len(basis.states)))
     columns, moved = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-    chosen = np.unique(np.linspace(0, len(moved) - 1, min(len(moved), MOST_ROWS)).astype(int))
+    chosen = evenly(len(moved), MOST_ROWS)
     return columns[chosen], moved[chosen]
 
 

@@ -18,7 +18,7 @@ from persid._text import SECONDS
 from persid.identification.free_runs import Simulator, free_run_score, restarted
 from persid.identification.windows import noise_of
 from persid.measurements.moments import Moments
-from persid.measurements.recordings import Measurements, beginnings
+from persid.measurements.recordings import Measurements, beginnings, evenly
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
@@ -203,9 +203,8 @@ def hold_out(data: Trajectories, share: float = SHARE) -> HeldOut | None:
     """
     cuts = [len(run) - int(share * len(run)) for run in data]
     if all(len(run) - cut >= SHORTEST for run, cut in zip(data, cuts, strict=True)):
-        first = tuple(run[:cut] for run, cut in zip(data, cuts, strict=True))
-        rest = tuple(run[cut : cut + LONGEST] for run, cut in zip(data, cuts, strict=True))
-        return HeldOut(_of(data, first), _of(data, rest), first, f"the last {100 * share:.0f} % of every run, held out")
+        first, rest = parted(data, cuts, LONGEST)
+        return HeldOut(first, rest, tuple(first), f"the last {100 * share:.0f} % of every run, held out")
     if len(data) < FEWEST_RUNS:
         return None
     chosen = set(np.linspace(0, len(data) - 1, max(1, int(share * len(data)))).astype(int).tolist())
@@ -213,6 +212,13 @@ def hold_out(data: Trajectories, share: float = SHARE) -> HeldOut | None:
     held = tuple(run for k, run in enumerate(data) if k in chosen)
     basis = f"{len(held)} of {len(data)} runs, held out"
     return HeldOut(_of(data, train), _of(data, held), tuple(run[:0] for run in held), basis)
+
+
+def parted(data: Trajectories, cuts: Sequence[int], longest: int) -> tuple[Trajectories, Trajectories]:
+    """Return every run up to its cut, and at most `longest` of its samples from there."""
+    pairs = list(zip(data, cuts, strict=True))
+    rest = tuple(run[cut : cut + longest] for run, cut in pairs)
+    return _of(data, tuple(run[:cut] for run, cut in pairs)), _of(data, rest)
 
 
 def _of(data: Trajectories, runs: tuple[Trajectory, ...]) -> Trajectories:
@@ -285,7 +291,7 @@ def scores_of(
 def _places(held: Trajectories, steps: int) -> Iterator[tuple[int, int]]:
     """Yield run and first sample of at most 64 pieces, one behind the other along each run, evenly chosen."""
     every = [(r, a) for r, run in enumerate(held) for a in range(0, len(run) - steps, steps)]
-    for k in np.unique(np.linspace(0, len(every) - 1, min(len(every), RESTARTS)).astype(int)):
+    for k in evenly(len(every), RESTARTS):
         yield every[k]
 
 

@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from persid.identification.free_runs import batch_errors
 from persid.identification.gram import Gram, weighted
-from persid.measurements.recordings import Measurements, Part, lengths, segments
+from persid.measurements.recordings import Measurements, Part, evenly, lengths, segments
 from persid.measurements.trajectories import Trajectories
 
 STRENGTHS = 10.0 ** np.arange(-8, 0.1, 0.5)
@@ -167,4 +167,4 @@ def _pieces(parts: Sequence[Part], steps: int, gram: Gram) -> list[Part]:
         Part(p.run, a, a + steps + 1, p.fold) for p in parts for a in range(p.start, p.stop - steps, max(steps, 1))
     ]
     most = int(np.clip(MOST_WORK / (len(STRENGTHS) * gram.H.size * steps), PIECES, 4 * PIECES))
-    return [every[k] for k in np.unique(np.linspace(0, len(every) - 1, min(len(every), most)).astype(int))]
+    return [every[k] for k in evenly(len(every), most)]

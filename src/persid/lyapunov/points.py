@@ -13,6 +13,7 @@ from math import gcd
 
 import numpy as np
 
+from persid._dyadics import is_dyadic
 from persid.lyapunov.integrals import lower_constants, upper_constants
 from persid.lyapunov.sectors import (
     LARGEST_VALUE,
@@ -94,7 +95,7 @@ def points_of(model: PersidskiiModel, place: Place | None) -> tuple[Point, ...]:
 
 def _common(row: Row, factors: Iterable[Fraction]) -> Fraction:
     """Return k for which r/k and the factors times k are dyadic: 1 where they are."""
-    if all(factor.denominator & (factor.denominator - 1) == 0 for factor in factors) or not row:
+    if all(map(is_dyadic, factors)) or not row:
         return Fraction(1)
     return Fraction(gcd(*(value.numerator for value in row.values())))
 

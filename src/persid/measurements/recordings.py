@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from jaxtyping import Int
 from numpy import ndarray
 
 from persid.errors import DataError
@@ -267,11 +268,15 @@ def segments(data: Measurements, parts: Sequence[Part]) -> list[Trajectory]:
     return [data[part.run][part.start : part.stop] for part in parts]
 
 
+def evenly(count: int, most: int) -> Int[ndarray, " k"]:
+    """Return at most `most` of the places 0 to count - 1, evenly chosen, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
 def beginnings(data: Measurements, longest: int, most: int = 20) -> Trajectories:
     """Return the first `longest` samples of at most `most` runs, evenly chosen, in memory."""
     counts = lengths(data)
-    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), most)).astype(int))
-    heads = segments(data, [Part(int(r), 0, min(counts[r], longest), 0) for r in chosen])
+    heads = segments(data, [Part(int(r), 0, min(counts[r], longest), 0) for r in evenly(len(counts), most)])
     return Trajectories(tuple(heads), data.states, data.inputs)
 
 

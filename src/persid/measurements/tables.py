@@ -73,11 +73,15 @@ class Columns:
         """All columns that were asked for by name."""
         return (*self.names, *(name for name in (self.time, self.run) if name is not None))
 
+    @property
+    def wanted(self) -> set[str]:
+        """The names that were asked for, as they are and without their units."""
+        return {part.strip() for part in self.asked} | {base_and_unit(part)[0] for part in self.asked}
+
     def takes(self, name: object) -> bool:
         """Whether a column may be wanted: by its name, by its name without a unit, or as a time."""
         text = str(name).strip()
-        wanted = {part.strip() for part in self.asked} | {base_and_unit(part)[0] for part in self.asked}
-        return text in wanted or base_and_unit(text)[0] in wanted or (
+        return text in self.wanted or base_and_unit(text)[0] in self.wanted or (
             self.dt is None and self.time is None and (is_clock(text) or base_and_unit(text)[0].lower() in STEPS)
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ from persid._files import Json
 from persid.errors import ModelError
 from persid.models.channels import Term
 from persid.models.functions import ScalarFunction, scalar_function
-from persid.models.sparse import compressed, is_sparse
+from persid.models.sparse import compressed, is_sparse, refuse_shape
 
 
 def dimension(A0: object, terms: Sequence[object], B: object) -> int:
@@ -64,9 +64,7 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> nda
         array = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         raise ModelError(f"{name} is not an array of numbers") from None
-    wanted = tuple("m" if k is None else k for k in shape)
-    if array.ndim != len(shape) or any(k is not None and k != size for k, size in zip(shape, array.shape, strict=True)):
-        raise ModelError(f"{name} has shape {array.shape}; needed is {wanted}")
+    refuse_shape(name, array.shape, shape)
     if not np.isfinite(array).all():
         raise ModelError(f"{name} holds a number that is not finite")
     array.setflags(write=False)

@@ -92,10 +92,9 @@ def integrate(
     solver = _Solver(field, size, rtol, atol, BUDGET + BUDGET_PER_SAMPLE * len(t))
     with quiet():
         if u is None or callable(u):
-            at = u if callable(u) else (lambda _: field.u_ref)
-            held = np.array([np.reshape(np.asarray(at(s), float), field.m) for s in t]).reshape(len(t), field.m)
+            held = field.sampled(t, u)
             force = field.forcing(field.u_ref)
-            moving = (lambda s: field.forcing(np.reshape(np.asarray(at(s), float), field.m))) if callable(u) else None
+            moving = (lambda s: field.forcing(np.reshape(np.asarray(u(s), float), field.m))) if callable(u) else None
             states, end = solver.span(x0, t, moving or partial(_constant, force))
         else:
             held = u

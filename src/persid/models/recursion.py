@@ -28,7 +28,7 @@ def refuse_other_steps(t: Float[ndarray, " N"], dt: float) -> None:
 
 def iterate(field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: object) -> Trajectory:
     """Return the run from x0, one sample a step; see `PersidskiiModel.simulate`."""
-    held = _held(field, t, u)
+    held = field.sampled(t, u)
     force, step = field.b + (held - field.u_ref) @ field.B.T, field.drift()
     cap = STATE_CAP * (1 + float(np.abs(x0).max() + np.abs(field.x_ref).max()))
     states = np.empty((len(t), field.n))
@@ -39,12 +39,3 @@ def iterate(field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"
             if not np.abs(states[k]).max() < cap:
                 return Trajectory(t[:k], states[:k], held[:k], diverged_at=float(t[k]))
     return Trajectory(t, states, held)
-
-
-def _held(field: VectorField, t: ndarray, u: object) -> Float[ndarray, "N m"]:
-    """Return the input of every step."""
-    if u is None:
-        return np.tile(field.u_ref, (len(t), 1))
-    if callable(u):
-        return np.array([np.reshape(np.asarray(u(s), float), field.m) for s in t]).reshape(len(t), field.m)
-    return np.asarray(u, float)

@@ -28,14 +28,19 @@ LISTED = 10_000  # entries that a JSON file lists; more go to a companion
 Arrays = dict[str, ndarray]
 
 
+def refuse_shape(name: str, found: tuple[int, ...], shape: tuple[int | None, ...]) -> None:
+    """Refuse an array of another shape than is needed (None: any size)."""
+    if len(found) != len(shape) or any(k is not None and k != size for k, size in zip(shape, found, strict=True)):
+        raise ModelError(f"{name} has shape {found}; needed is {tuple('m' if k is None else k for k in shape)}")
+
+
 def compressed(name: str, value: Any, shape: tuple[int | None, ...]) -> csc_array:
     """Return a SciPy sparse matrix as canonical compressed columns: sorted, no duplicates, no zeros.
 
     Raises:
         ModelError: it has another shape, or a number is not finite.
     """
-    if any(k is not None and k != size for k, size in zip(shape, value.shape, strict=True)):
-        raise ModelError(f"{name} has shape {value.shape}; needed is {tuple('m' if k is None else k for k in shape)}")
+    refuse_shape(name, value.shape, shape)
     matrix = csc_array(value, dtype=float, copy=True)
     matrix.sum_duplicates()
     matrix.eliminate_zeros()

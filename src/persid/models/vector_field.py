@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -42,6 +43,14 @@ class VectorField:
     def forcing(self, u: Float[ndarray, " m"]) -> Float[ndarray, " n"]:
         """Return B (u - u_ref) + b."""
         return np.asarray(self.B @ (u - self.u_ref) + self.b)
+
+    def sampled(self, t: Float[ndarray, " N"], u: Any) -> Float[ndarray, "N m"]:
+        """Return the inputs at the times t (s): u is None for u_ref, a function of a time, or these inputs already."""
+        if u is None:
+            return np.tile(self.u_ref, (len(t), 1))
+        if callable(u):
+            return np.array([np.reshape(np.asarray(u(s), float), self.m) for s in t]).reshape(len(t), self.m)
+        return np.asarray(u, float)
 
     def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
         """Return the derivatives of x' by x at one state, in 1/s."""

@@ -19,7 +19,7 @@ from numpy import ndarray
 import persid as ps
 from persid import plots
 from persid._files import Json
-from persid.identification.free_runs import Score, free_run_score
+from persid.identification.free_runs import free_run_score
 from persid.models.integration import lsoda_steps, passed
 from persid.reports.figures import Drawing
 from persid.reports.record import versions
@@ -100,8 +100,8 @@ def _compute(combination: str, reading: str, step: str, size: int) -> Json:
     cut = round(SHARE * size)
     whole, split = _fit(combination, data), _fit(combination, _part(data, slice(0, cut)))
     return {
-        "in sample": _score(free_run_score(whole.model_, data, "paper")),
-        "split": _score(free_run_score(split.model_, _part(data, slice(cut - 1, size)), "paper")),
+        "in sample": free_run_score(whole.model_, data, "paper").to_dict(),
+        "split": free_run_score(split.model_, _part(data, slice(cut - 1, size)), "paper").to_dict(),
         "rank": int(np.linalg.matrix_rank(data[0].x, tol=1e-6 * np.linalg.norm(data[0].x, 2))),
         "columns": size * len(COMBINATIONS[combination]) + 1 + (combination == "4"),
     }
@@ -123,10 +123,6 @@ def _fit(combination: str, data: ps.Trajectories) -> ps.PersidskiiIdentifier:
         holdout=0.0,
         allow_underdetermined=True,
     ).fit(data)
-
-
-def _score(score: Score) -> Json:
-    return {"rmse": score.rmse, "r2": score.r2, "r2_mean": score.r2_mean, "blow_ups": score.blow_ups}
 
 
 def _tables(cells: dict[tuple[str, str], Any]) -> tuple[Table, ...]:

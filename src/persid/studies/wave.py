@@ -205,13 +205,9 @@ def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> J
     start = own.x[: model.lags] if isinstance(model, OneStepRegressor) else own.x[0]
     found = model.simulate(start, own.t, own.u)[0].x
     return {
-        "held out": _score(held), "paper run": _score(paper), "ridge": ridge, "seconds": seconds,
+        "held out": held.to_dict(), "paper run": paper.to_dict(), "ridge": ridge, "seconds": seconds,
         "run": np.round(found, 4) if seed == 0 else [],
     }  # fmt: skip
-
-
-def _score(found: Score) -> Json:
-    return {"rmse": found.rmse, "r2": found.r2, "r2_mean": found.r2_mean, "blow_ups": found.blow_ups}
 
 
 def _single(parts: Parts, label: str, size: Size) -> Json:
@@ -220,7 +216,7 @@ def _single(parts: Parts, label: str, size: Size) -> Json:
     def compute() -> Json:
         data = paper_run(size.points)
         model = _fit(label, data, _strengths(label)[0])
-        return {"free": _score(_free_runs(model, data)), "one step": _one_step(model, data)}
+        return {"free": _free_runs(model, data).to_dict(), "one step": _one_step(model, data)}
 
     return parts.part(f"{label}, one run", _parameters(label, size), compute)
 

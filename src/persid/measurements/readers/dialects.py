@@ -129,7 +129,7 @@ def _header(
     rows: dict[int, list[str]], remarks: dict[int, list[str]], columns: Columns
 ) -> tuple[list[str] | None, list[str] | None, int]:
     """Return the names, the units, and the number of the first line of data; the names may stand in a comment."""
-    asked = {part.strip() for part in columns.asked} | {base_and_unit(part)[0] for part in columns.asked}
+    asked = columns.wanted
     everything = dict(sorted((rows | remarks).items()))
     named = [k for k, row in everything.items() if asked & ({*row} | {base_and_unit(cell)[0] for cell in row})]
     width = Counter(len(row) for row in rows.values() if _is_data(row)).most_common(1)
