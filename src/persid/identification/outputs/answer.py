@@ -243,10 +243,14 @@ class _Search:
         selection.raced(groups, lambda error: self.tell("search", error), rungs)
 
     def _climbs(self, linear: Sequence[LinearFit]) -> bool:
-        """Try one state more than the best candidate has, if that is the largest order tried; whether it was better."""
+        """Try one state more than was tried, with the size of the best candidate; whether that was better.
+
+        Linear models need not gain by a state that a nonlinear one needs: what is left of both is mostly the
+        nonlinearity.
+        """
         best = self._best()[0]
-        n = best.order + 1
-        if n > selection.ORDERS or any(one.order >= n for one in self.groups):
+        n = 1 + max(one.order for one in self.groups)
+        if n > selection.ORDERS:
             return False
         found = next((one for one in linear if one.latent.n == n), None)
         try:
