@@ -149,7 +149,7 @@ class Task:
     tolerance: float = TOLERANCE
     limit: Limit | None = None
 
-    @np.errstate(over="ignore")  # a step too far costs infinitely much
+    @np.errstate(over="ignore", invalid="ignore")  # a step too far is refused, whatever it costs
     def penalty(self, latent: Latent, ridge: ndarray) -> Float[ndarray, " K"]:
         """Return what the ridge adds to the cost."""
         return np.asarray(0.5 * (ridge * theta_of(latent) ** 2).sum(1))
