@@ -44,3 +44,14 @@ def test_a_strip_ends_before_its_function_does() -> None:
     ((_, low, high),) = certificate.stated.strips
     assert 1 + low > 0
     assert high > 0.9
+
+
+def test_a_region_of_strips_bounds_the_outputs() -> None:
+    """Of a pendulum whose angle is the output, the angle is bounded in its own unit, and no latent gain is shown."""
+    pendulum = ps.PersidskiiModel([[0, 1], [0, -0.5]], [("sin(x)", [[1, 0]], [[0], [-1.0]])], [[0.0], [1.0]])
+    certificate = ps.certify(ps.OutputModel(pendulum, [[1.0, 0.0]], outputs=["angle"]), domain="auto").certificate
+    assert (certificate.claim, certificate.outputs, certificate.gain) == ("region", ("angle",), None)
+    t = np.linspace(0, 20, 201)
+    bound = certificate.output_bound([1.0, 0.0], 0.0, t)
+    run = pendulum.simulate([1.0, 0.0], t, np.zeros((201, 1)))[0]
+    assert (np.abs(run.x[:, :1]) <= bound).all()

@@ -17,12 +17,14 @@ from persid._files import Json
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, heading
 from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
+from persid.certificates.outputs import described, with_constants
 from persid.certificates.partitions import cuts_of
 from persid.certificates.stability import largest
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point
 from persid.lyapunov.proposals import Proposal
 from persid.models.model import PersidskiiModel
+from persid.models.outputs import OutputModel
 from persid_check.ledger import FORMAT
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
@@ -33,17 +35,20 @@ Strip = tuple[dict[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 def prove_facts(
     model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip] = (), *,
-    each: bool = False,
+    each: bool = False, outputs: OutputModel | None = None,
 ) -> Certificate:  # fmt: skip
     """Return the certificate that the checker accepts: of a region where points have domains, else global.
 
-    With `each` every input has a gain of its own.
+    With `each` every input has a gain of its own. With a rate it bounds the outputs, if there are any.
 
     Raises:
         RejectedError: the checker does not accept it.
         RoundingError: a lemma is not proved, or a matrix is not positive definite in floating point.
     """
-    return Certificate.accept(encode(_content(model, proposal, point, strips, each)))
+    content = _content(model, proposal, point, strips, each)
+    if outputs is not None and proposal.kappa:
+        content = with_constants(with_proof(content | {"outputs": described(outputs)}))
+    return Certificate.accept(encode(content))
 
 
 def _content(

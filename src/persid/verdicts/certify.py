@@ -382,7 +382,7 @@ def _by_strips(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> C
     failure = Failure(Reason.OUTSIDE, words.NO_POINT)
     for k, point in enumerate(points):
         with log.attempt("region of strips, their widths chosen for its volume") as outcome:
-            answer = by_strips(Setting.of(asked.model, point), asked.rate, asked.each, log)
+            answer = by_strips(Setting.of(asked.model, point), asked.rate, asked.each, log, asked.outputs)
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             return Certified(answer, tuple(log.attempts))

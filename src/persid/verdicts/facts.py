@@ -16,6 +16,7 @@ from persid.lyapunov.shifted_model import Setting, place
 from persid.lyapunov.strips import Search, enlarged, of_linearisation
 from persid.lyapunov.system import scaling
 from persid.lyapunov.zero_rows import reduced
+from persid.models.outputs import OutputModel
 from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
@@ -70,16 +71,22 @@ def by_facts(
     return found, fastest if isinstance(fastest, Certificate) else None
 
 
-def _proved(setting: Setting, found: Candidate, each: bool, log: Log) -> Certificate | Failure:
+def _proved(
+    setting: Setting, found: Candidate, each: bool, log: Log, outputs: OutputModel | None = None
+) -> Certificate | Failure:
     try:
         log.progress("checking in exact arithmetic")
-        return prove_facts(setting.model, found.proposal(), setting.point, each=each)
+        return prove_facts(setting.model, found.proposal(), setting.point, each=each, outputs=outputs)
     except (RejectedError, RoundingError) as error:
         return Failure(Reason.ROUNDING, str(error))
 
 
-def by_strips(setting: Setting, rate: float | int | None, each: bool, log: Log) -> Certificate | Failure:
+def by_strips(
+    setting: Setting, rate: float | int | None, each: bool, log: Log, outputs: OutputModel | None = None
+) -> Certificate | Failure:
     """Certify the largest region that strips of the functions' own arguments allow, about a stable equilibrium.
+
+    In the states: what is large for the outputs is not asked. These are bounded in the region, if there are any.
 
     Widths are sought at the rate (1/s) that is asked for, if there is a region then, else at one that costs no volume;
     then the largest rate is taken that leaves most of the volume.
@@ -94,7 +101,7 @@ def by_strips(setting: Setting, rate: float | int | None, each: bool, log: Log) 
     search = Search(frame, slowest, of_linearisation(J, units), lambda: log.left() - reserve)
     best = search.run() if slowest < limit else None
     if best is None and rate is not None:
-        return by_strips(setting, None, each, log)
+        return by_strips(setting, None, each, log, outputs)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     widths = np.array(search.widths)
@@ -106,7 +113,7 @@ def by_strips(setting: Setting, rate: float | int | None, each: bool, log: Log) 
             break
         found = enlarged(frame, kappa, within, log.left)
         if found is not None and (found.volume >= KEPT * best.volume or kappa == slowest):
-            answer = _proved(setting, found.candidate, each, log)
+            answer = _proved(setting, found.candidate, each, log, outputs)
             if isinstance(answer, Certificate):
                 return answer
             failure = answer
