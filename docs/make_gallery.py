@@ -22,6 +22,7 @@ TITLES = {
     "pendulum": "A damped pendulum: a region",
     "two_tanks": "Two tanks with square-root outflow: a region",
     "lure": "A Lur'e system: functions of combinations of states",
+    "learned": "Two tanks whose outflow is learned",
     "recurrent_network": "A recurrent network: how strong may its feedback be?",
     "discrete": "A loop that overshoots: discrete time",
     "duffing": "A Duffing oscillator with damping",

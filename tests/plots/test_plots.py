@@ -118,6 +118,20 @@ def test_overview_sets_runs_side_by_side(ax: Axes, run: ps.Trajectory) -> None:
     drawn(ax)
 
 
+def test_characteristics_show_curves_knots_and_density(ax: Axes) -> None:
+    """The curve of a state is its linear part and its tables, drawn over the data, with a dot at each knot inside."""
+    table = ps.lookup_table([-3, -1, 1, 9], [0, -1, 0.5, 0.5])
+    model = ps.PersidskiiModel([[-1, 0], [0, -1]], [(table, [[2, 0]], [[0], [3]])], x_ref=[1, 0])
+    assert plots.tabulated(model) == [(1, 0)]
+    x = np.linspace(0, 4, 200)
+    plots.characteristic(ax, model, 1, 0, x)
+    curve, dots = (np.array(line.get_data()) for line in ax.lines[:2])
+    assert np.allclose(curve[1], [model.rhs(np.array([v, 0]), np.zeros(0))[1] for v in curve[0]])
+    assert dots[0].tolist() == [0.5, 1.5]
+    assert ax.get_ylim()[0] < curve[1].min()
+    assert plots.tabulated(ps.PersidskiiModel([[-1.0]], [("tanh(x)", None, [[1.0]])])) == []
+
+
 def test_spectrum_shows_the_aliasing_limit(ax: Axes) -> None:
     """Eigenvalues stand in the complex plane; the shaded sector holds those that turn too fast."""
     spectrum = Spectrum(((0.9, 0.1), (0.9, -0.1), (-0.8, 0.0)), 0.1)

@@ -170,6 +170,16 @@ def test_page_shows_the_spectrum_of_an_edmd_fit() -> None:
     assert f"{spectrum.values[0][0]:.4g}" in text
 
 
+def test_page_shows_what_was_learned() -> None:
+    """Learned functions are drawn over the density of the data, one picture an effect; a model without any has none."""
+    model = ps.PersidskiiModel([[-1, 0], [0, -1]], [("sat(x)", None, [[-1, 0], [1, -1]])], [[1], [0]])
+    data = measured(model)
+    fits = [ps.PersidskiiIdentifier(functions, ridge=1e-4, knots=3).fit(data) for functions in (["x", "pwl"], ["x"])]
+    pages = [report.render(Results(fit.model_, Undecided(Reason.STALLED), data, None)) for fit in fits]
+    assert ["density of the data" in page for page in pages] == [True, False]
+    assert "x1 in d(x2)/dt" in pages[0]
+
+
 def exploding(model: dict[str, Any]) -> dict[str, Any]:
     """Return a model with an A0 that lets it blow up at once."""
     n = len(model["states"])

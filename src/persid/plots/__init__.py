@@ -7,6 +7,7 @@
 Blue and solid is measured, red and dashed is the model; the colours are told apart by colour-blind readers and in grey.
 """
 
+from persid.plots.characteristics import characteristic, effect, tabulated
 from persid.plots.fields import (
     COLLINEAR,
     box_of,
@@ -47,9 +48,11 @@ __all__ = [
     "bound",
     "box_of",
     "candidates",
+    "characteristic",
     "contributions",
     "correlation_matrix",
     "correlations",
+    "effect",
     "fits",
     "free_run",
     "gaps",
@@ -63,6 +66,7 @@ __all__ = [
     "residuals",
     "sector_forms",
     "short",
+    "tabulated",
     "terms",
     "validation_curve",
     "vector_field",

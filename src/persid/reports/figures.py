@@ -239,6 +239,27 @@ def contributions(model: PersidskiiModel, x: ndarray, u: ndarray) -> Drawing:
     return Drawing("contributions", figure, alt, caption)
 
 
+def characteristics(model: PersidskiiModel, x: ndarray) -> list[Drawing]:
+    """Draw what tables, learned or given, say of each state's effect, over the density of the data."""
+    pairs = plots.tabulated(model)
+    if not pairs:
+        return []
+    shown = pairs[:BARS]
+    figure, axes = side_by_side(len(shown), 2.6)
+    values = {(i, j): plots.effect(model, i, j, np.linspace(x[:, j].min(), x[:, j].max(), 400))[0] for i, j in shown}
+    for ax, (i, j) in zip(axes, shown, strict=True):
+        together = np.concatenate([found for (k, _), found in values.items() if k == i])  # of one equation, one scale
+        plots.characteristic(ax, model, i, j, x[:, j], (float(together.min()), float(together.max())))
+    some = f" (the first {len(shown)} of {len(pairs)})" if len(shown) < len(pairs) else ""
+    caption = (
+        f"What a state adds to the derivative of a state, its linear part and its functions together{some}: orange, "
+        "dots at the knots of tables, the curves of one equation on one scale. The blue area is the density of the "
+        "data: where it is low, little is known."
+    )
+    names = "; ".join(f"{model.states[j]} in d({model.states[i]})/dt" for i, j in shown)
+    return [Drawing("characteristics", figure, f"Piecewise linear curves: {names}. {caption}", caption)]
+
+
 def correlations(model: PersidskiiModel, x: ndarray, u: ndarray) -> list[Drawing]:
     """Draw which terms the data cannot tell apart."""
     names, R = plots.correlation_matrix(model, x, u)

@@ -87,6 +87,7 @@ def _drawings(results: Results, runs: Sequence[FreeRun]) -> dict[str, list[Drawi
         "validation": drawings.validation(fit) if fit else [],
         "spectrum": drawings.spectrum(fit) if fit else [],
         "contributions": [drawings.contributions(model, x, u)] if data else [],
+        "characteristics": drawings.characteristics(model, x) if data else [],
         "correlations": drawings.correlations(model, x, u) if data else [],
         "fits": drawings.fits(compared, model.states),
         "candidates": drawings.candidates(compared),
