@@ -310,3 +310,18 @@ def test_a_pendulum_is_foretold_from_its_positions_alone(measurements):
     )
     assert fit.verdict_.is_certified
     assert fit.score(angles[2], u=inputs[2], dt=every * 0.002) > 0.85
+
+
+@pytest.mark.slow
+def test_a_pendulum_is_foretold_from_its_positions_with_nothing_said_by_hand(measurements):
+    """At 500 Hz, on defaults, two experiments foretell arm and pendulum of the third, certified."""
+    files = sorted((measurements / "qube").glob("*.csv"))
+    data = ps.read_csv(files, states=["theta", "alpha"], inputs=["target_theta", "target_alpha", "feedforward"])
+    fit = OutputIdentifier(time_limit=0).fit(data[:2])
+    assert fit.verdict_.is_certified
+    run, start = data[2], 50
+    free = fit.model_.simulate(run.t, run.u, y_init=run.x[:start])[0].x
+    gap, spread = (free - run.x)[start:], (run.x - run.x[start:].mean(0))[start:]
+    R2 = 1 - (gap**2).sum(0) / (spread**2).sum(0)
+    assert R2[0] > 0.96
+    assert R2[1] > 0.92
