@@ -16,7 +16,7 @@ from children import RESULTS, THREADS
 
 NAMES = (
     "speed", "power", "agreement", "scaling", "verdicts", "networks", "out_of_core", "peers_identification",
-    "peers_accuracy", "admits_failure", "growth", "public", "published", "pictures",
+    "peers_accuracy", "admits_failure", "growth", "public", "published", "plants", "margins", "pictures",
 )  # fmt: skip
 
 

@@ -171,7 +171,8 @@ def _feedback(ledger: Ledger) -> list[str]:
     more = f" and so on ({len(gains)} outputs)" if len(gains) > SHOWN else ""
     return [
         "Any feedback from one output y, u - u* = v + w with |w| <= a sup|y - y*| so far, leaves inputs and outputs"
-        f" bounded for bounded v where a < {', '.join(limits)}{more}; the same in the mean square."
+        f" bounded for bounded v where a < {', '.join(limits)}{more}, as long as the loop has a solution; the same in"
+        " the mean square."
     ] * bool(limits)
 
 
