@@ -1,7 +1,8 @@
 """How much of what is possible the residual margins of random models reach.
 
-The models are the first of each family and size of families.py in the folder of shared data. `largest` is the largest delta that is found, as a share of the smaller of the two numbers that no method
-could beat: the complex stability radius of the linearisation, and where such a plant could rest elsewhere.
+The models are the first of each family and size of families.py in the folder of shared data. `largest` is the largest
+delta that is found, as a share of the complex stability radius of the linearisation, and of the smaller of that and of
+the distance at which such a plant could rest elsewhere: no method could beat either.
 
     python benchmarks/margins.py [--count 3] [--largest 3] [-o benchmarks/results/margins.json]
 """
