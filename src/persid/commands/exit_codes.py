@@ -36,7 +36,8 @@ EXIT = {"certified": DONE, "refuted": REFUTED, "undecided": UNDECIDED}
 def explain(error: BaseException) -> tuple[int, str]:
     """Return exit code and message of an exception."""
     if isinstance(error, click.Abort | KeyboardInterrupt):
-        said = str(error) or str(error.__cause__ or "")  # click makes an interruption the cause of its own
+        hidden = error.__cause__ or error.__context__  # click raises its own over the interruption
+        said = str(error) or str(hidden or "")
         return INTERRUPTED, said or "interrupted; nothing was written"
     if isinstance(error, click.ClickException):
         ctx = getattr(error, "ctx", None)
