@@ -73,10 +73,15 @@ def test_an_interruption_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> 
     assert len(calls) == 3
 
 
-def test_engines_that_are_not_there() -> None:
-    """An unknown engine, or Dask without a cluster, is wrong use."""
+def test_unknown_engines_are_refused() -> None:
+    """An engine of another name is wrong use, and those that there are, are listed."""
     with pytest.raises(ps.DataError, match="choose None"):
         ps.certify_many([STABLE], engine="spark")
+
+
+def test_dask_without_a_cluster_is_refused() -> None:
+    """Dask without a cluster is wrong use."""
+    pytest.importorskip("distributed")
     with pytest.raises(ps.DataError, match="no Dask cluster"):
         ps.certify_many([STABLE], engine="dask")
 
