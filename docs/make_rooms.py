@@ -2,11 +2,13 @@
 
 python docs/make_rooms.py            write it
 python docs/make_rooms.py --check    exit with 1 where it is not up to date
+python docs/make_rooms.py --figures  print files, imports and floors of persid, and the lines of each room
 """
 
 import ast
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from html import escape
 from pathlib import Path
 
@@ -78,7 +80,38 @@ def picture() -> str:
     return "\n".join([*parts, "</svg>\n"])
 
 
+def modules() -> dict[str, set[str]]:
+    """Return the modules of persid with those that each imports, in functions and for types too."""
+    paths = {".".join(path.relative_to(SOURCE.parent).with_suffix("").parts): path for path in SOURCE.rglob("*.py")}
+    known = {name.removesuffix(".__init__"): path for name, path in paths.items() if name != "persid.__init__"}
+    found = {}
+    for name, path in known.items():
+        nodes = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.ImportFrom)]
+        inner = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names} & set(known)
+        whole = {node.module for node in nodes if not {f"{node.module}.{a.name}" for a in node.names} & set(known)}
+        found[name] = (inner | whole & set(known)) - {name}
+    return found
+
+
+def figures() -> str:
+    """Return the size of the house: files, imports, floors (the longest way down), lines a room.
+
+    Raises:
+        graphlib.CycleError: some modules import each other in a circle.
+    """
+    graph, floors = modules(), dict[str, int]()
+    for name in TopologicalSorter(graph).static_order():
+        floors[name] = 1 + max((floors[below] for below in graph[name]), default=0)
+    rooms = [name for name in layers() if name != "persid_check"]
+    lines = {r: sum(len(p.read_text("utf-8").splitlines()) for p in (SOURCE / r).rglob("*.py")) for r in rooms}
+    size = f"{len(graph)} files, {sum(map(len, graph.values()))} imports on {max(floors.values())} floors, no circle"
+    return "\n".join([size, *(f"{room:15} {count:6} lines" for room, count in lines.items())])
+
+
 if __name__ == "__main__":
+    if "--figures" in sys.argv:
+        print(figures())
+        sys.exit()
     if "--check" in sys.argv:
         sys.exit(not (PICTURE.is_file() and PICTURE.read_text(encoding="utf-8") == picture()))
     PICTURE.write_text(picture(), encoding="utf-8")

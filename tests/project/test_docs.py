@@ -169,3 +169,11 @@ def test_numbered_lists_keep_their_numbers(page: Path) -> None:
     lists = re.findall(r'<ol(?: start="(\d+)")?>(.*?)</ol>', markdown.markdown(text, extensions=used), re.DOTALL)
     shown = [int(start or 1) + k for start, items in lists for k in range(items.count("<li>"))]
     assert shown == known
+
+
+def test_the_figures_of_the_house_count_its_rooms() -> None:
+    """The figures of the house name its files, imports and floors, no circle, and every room with its lines."""
+    first, *rooms = make_rooms.figures().splitlines()
+    assert re.fullmatch(r"\d+ files, \d+ imports on \d+ floors, no circle", first)
+    assert [line.split()[0] for line in rooms] == make_rooms.layers()[:-1]
+    assert all(int(line.split()[1]) > 0 for line in rooms)
