@@ -176,7 +176,7 @@ def test_curves_of_two_states_are_learned_from_their_equations() -> None:
 def test_discrete_time_and_koopman_learn_too() -> None:
     """The other ways to a regression take learned functions without a word of their own."""
     data = measured(*CURVES["saturation"])
-    for how in ({"time": "discrete"}, {"method": "edmd"}, {"method": "derivative"}):
+    for how in ({"time": "discrete"}, {"method": "edmd"}):
         fit = ps.PersidskiiIdentifier(["x", "pwl"], knots=3, **how).fit(data)
         assert fit.knots_ == 3
         assert fit.report_.free_run.r2_mean > 0.98
@@ -188,7 +188,8 @@ def test_data_out_of_memory_learn_too(tmp_path) -> None:
     """Read chunk by chunk, the same functions are learned."""
     data = measured(*CURVES["saturation"])
     path = tmp_path / "long.csv"
-    data.to_dataframe().to_csv(path, index=False)
+    rows = np.column_stack([data[0].t, data[0].x, data[0].u])
+    np.savetxt(path, rows, delimiter=",", header="t,x1,u1", comments="")
     opened = ps.open_recordings(path, time="t", states=["x1"], inputs=["u1"])
     near, far = (ps.PersidskiiIdentifier(["x", "pwl"], knots=3, ridge=1e-4).fit(one) for one in (data, opened))
     x = middle(data)
