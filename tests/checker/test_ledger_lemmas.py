@@ -181,3 +181,9 @@ def test_a_false_lemma_has_no_partition(texts, form, kind, more) -> None:
         assert cuts_of(lemma, None) is None
         for _ in range(20):
             assert lemma.unproved(_random_cuts(choose), None) is not None
+
+
+def test_the_point_zero_is_no_piece() -> None:
+    """At 0 alone there is nothing to expand: a form that evaluation does not prove there is not proved."""
+    cosine = Lemma(((parse("cos(x)-1"), Fraction(1)),), (Fraction(0), Fraction(1)), "rising")
+    assert not cosine.holds_on(Fraction(0), Fraction(0))

@@ -173,7 +173,7 @@ class Lemma:
     def _holds_near_zero(self, a: Fraction, b: Fraction) -> bool:
         """Whether an expansion at 0 proves it, on a piece that begins or ends there."""
         centred = self.kind in SLOPES or self._star == (_ZERO, _ZERO)
-        if not centred or 0 not in (a, b):
+        if not centred or 0 not in (a, b) or a == b:
             return False
         sign = 1 if b > 0 else -1
         return self._expanded(1 / max(abs(a), abs(b)), sign, inverse=True)
