@@ -1,6 +1,6 @@
 """Simulate the paper's traffic system (Sec. 5.1) under disturbance d2 and write examples/traffic.csv.
 
-    x' = A x + B u + (sin x1, cos x2) + d,   x(0) = (1, 3),   u = sin t,   t in [0, 30] s, 1000 samples
+    ẋ = A x + B u + (sin x1, cos x2) + d,   x(0) = (1, 3),   u = sin t,   t in [0, 30] s, 1000 samples
 
 d2 is Gaussian, standard deviation 0.05, drawn anew for every sample and held over its step.
 

@@ -1,6 +1,6 @@
 """A recurrent network is a Persidskii model: how strong may its feedback be?
 
-    x' = -x + g W tanh(x) + B u          (6 neurons, W random, spectral radius of W printed)
+    ẋ = -x + g W tanh(x) + B u          (6 neurons, W random, spectral radius of W printed)
 
 For each feedback strength g the verdict is asked for. Small ones are certified, with a rate and a gain about every
 equilibrium of every constant input; for the next it is proved that this family of Lyapunov functions holds none,

@@ -43,7 +43,7 @@ FAULTS = {
     "one empty cell": (
         "t,x1,x2,u\n" + "".join(f"{k},1,{'' if k == 15 else 1},1\n" for k in range(30)), ["row 17", "--missing split"]
     ),
-    "repeated times": ("t,x1,x2,u\n0,1,1,1\n0,1,1,1\n", ["is repeated", "(--dt)", "(--run-column)"]),
+    "repeated times": ("t,x1,x2,u\n0,1,1,1\n0,2,1,1\n", ["is repeated", "(--dt)", "(--run-column)"]),
     "constants": ("t,x1,x2,u\n" + "".join(f"{k},5,6,1\n" for k in range(9)), ["x1, x2 never vary"]),
 }  # fmt: skip
 
