@@ -31,10 +31,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.long
 @pytest.mark.xdist_group("ailments")
 @pytest.mark.parametrize("name", AILMENTS)
-def test_identify_says_what_ails_the_data(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_identify_says_what_ails_the_data(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Every kind stands in --json with the command that is to be typed."""
-    ailment = AILMENTS[name]
-    monkeypatch.setattr("persid.identification.advice.advise", lambda *_, **__: diagnosed(name))
+    ailment, diagnosis = AILMENTS[name], diagnosed(name)  # the commands make the same one, in a test below
+    monkeypatch.setattr("persid.identification.advice.advise", lambda *_, **__: diagnosis)
     words = [
         "identify",
         *_written(ailment.make()),
