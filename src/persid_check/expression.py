@@ -30,6 +30,7 @@ SHOWN = 200  # characters of an expression in an error
 _TOKEN = re.compile(
     r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/();:,]))", re.ASCII
 )
+_BINARY = ("+", "-", "*", "/")
 _PRECEDENCE = {"+": 1, "-": 1, "*": 2, "/": 2, "neg": 3, "pos": 3, "**": 4}
 
 
@@ -238,14 +239,14 @@ class _Parser:
             self._close()
         elif token == "**":
             self.output.append(Instruction("**", self._exponent()))
-        elif token in _PRECEDENCE:
+        elif token in _BINARY:
             while self.waiting and _PRECEDENCE.get(self.waiting[-1], 0) >= _PRECEDENCE[token]:
                 self._emit()
             self.waiting.append(token)
         else:
             raise self._error("an operator is due")
         self.place += 1
-        return token in "+-*/"
+        return token in _BINARY
 
     def _close(self) -> None:
         while self.waiting and self.waiting[-1] != "(":

@@ -17,7 +17,9 @@ def decimal(value: Fraction, *, up: bool = True, digits: int = 6) -> str:
 
 
 def root(value: Fraction, *, digits: int = 6) -> str:
-    """Return a decimal upper bound of the square root."""
+    """Return a decimal upper bound of the square root, 0 of 0."""
+    if not value:
+        return "0"
     context = Context(prec=digits + 6, rounding=ROUND_CEILING)
     bound = context.next_plus(context.sqrt(_quotient(value, True, digits + 6)))
     return f"{Context(prec=digits, rounding=ROUND_CEILING).plus(bound):g}"

@@ -135,3 +135,16 @@ def test_loops_within_the_limit_keep_to_the_bound(seed: int) -> None:
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, u))
     assert largest <= (1.0 + a * start) / (1 - a * gain) * (1 + 1e-6)
     assert largest > 1.0
+
+
+@pytest.mark.parametrize(("C", "D", "limits"), [(0.0, 0.0, 1), (0.0, 0.5, 2)])
+def test_an_output_that_inputs_do_not_move_has_no_limit(C: float, D: float, limits: int) -> None:
+    """A gain of 0 is 0 and is not divided by; alone it leaves nothing to say."""
+    both = ps.OutputModel(LATENT, C=[[1.0], [C]], D=[[0.0], [D]], outputs=["y", "z"])
+    answer = check(_certificate(both).data)
+    assert isinstance(answer, Accepted)
+    assert answer.statement.partition(SENTENCE)[2].count(" for '") == limits
+    assert "e-1000" not in answer.statement
+    alone = check(_certificate(ps.OutputModel(LATENT, C=[[C]], D=[[D]], outputs=["z"])).data)
+    assert isinstance(alone, Accepted)
+    assert (SENTENCE in alone.statement, "feedback" in alone.further) == (D > 0, D > 0)

@@ -199,6 +199,13 @@ _TOKENS = [
 ]
 
 
+@pytest.mark.parametrize("text", ["x neg", "x pos", "tanh(x) neg neg", "x neg**2", "neg x", "x (x)", "x 2"])
+def test_words_of_the_machine_are_no_operators(text: str) -> None:
+    """What signs are called inside is not read outside: the grammar knows four operators and the power."""
+    with pytest.raises(ExpressionError):
+        parse(text)
+
+
 @settings(max_examples=500, deadline=None)
 @given(st.lists(st.sampled_from(_TOKENS), max_size=25).map("".join) | st.text(max_size=30))
 def test_the_parser_answers_every_text(text: str) -> None:

@@ -27,6 +27,7 @@ from persid.lyapunov.sectors import Curve, Group
 from persid.lyapunov.system import Family, System, Target
 
 FIRST_FORMS = 4  # forms of a pool that the search begins with
+MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
 JOINING = 4  # products, and half as many densities, that may join a group in one round
 FALL = 0.1  # share to which mu falls in a free round
 FREE_STEPS = 60  # of all free rounds
@@ -58,18 +59,20 @@ def search(
     full_P: bool = False,
     target: Target | None = None,
     families: tuple[Family, ...] | None = None,
+    first: int = FIRST_FORMS,
     time_limit: float = np.inf,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
     """Find multipliers with positive margin, or a dual matrix against every form and product of the pools.
 
-    `families` is the choice to begin with, such as that of an earlier outcome for the same pools.
+    `families` is the choice to begin with, such as that of an earlier outcome for the same pools; without it the search
+    begins with the `first` forms of every pool.
     """
     started, target = time.perf_counter(), target or Target()
     if target.kappa and len(system.states) < system.n:
         raise ValueError("a rate keeps every state; this system has dropped one, and its forms with it")
     if families is None:
-        families = tuple(_first(system, group, pools[group.curve], target) for group in system.groups)
+        families = tuple(_first(system, group, pools[group.curve], target, first) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
     assembly, start, fence, steps = whole.assembly(families), None, None, 0
     for count in range(1, ROUNDS + 1):
@@ -131,13 +134,13 @@ def _rated(group: Group, forms: ndarray, target: Target) -> tuple[int, ...]:
     return tuple(int(k) for k in np.flatnonzero(np.isfinite(target.upper[group.curve][: len(forms)])))
 
 
-def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Target) -> Family:
+def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Target, count: int) -> Family:
     """Return the first choice from a pool; where a state that the group reads is dropped, forms with y drop too."""
     touched = set(np.flatnonzero(group.row)) - set(system.states)
     usable = pool[pool[:, 0] == 0] if touched else pool
     usable = usable if group.channels else usable[:0]
-    first = Family.full(usable[:FIRST_FORMS]).within(usable)
-    densities = () if system.discrete else _rated(group, usable, target)[:FIRST_FORMS]
+    first = Family.full(usable[:count]).within(usable)
+    densities = () if system.discrete else _rated(group, usable, target)[:count]
     return Family(usable, densities, first.products)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.theorem import Proved, has_feedback, strips
+from persid_check.ledger.theorem import Proved, has_feedback, is_moved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
 from persid_check.words import (
     SHOWN,
@@ -166,14 +166,15 @@ def _feedback(ledger: Ledger) -> list[str]:
     """How strong an effect of one output on the inputs may be, in the largest value so far or in the mean square."""
     if not has_feedback(ledger) or ledger.outputs is None:
         return []
-    gains = [(output.name, Fraction(_output_gain(ledger, output))) for output in ledger.outputs.listed]
-    limits = [f"{decimal(1 / gain, up=False)} for {name!r}" for name, gain in gains[:SHOWN] if gain]
-    more = f" and so on ({len(gains)} outputs)" if len(gains) > SHOWN else ""
+    moved = [output for output in ledger.outputs.listed if is_moved(ledger, output)]
+    gains = [(output.name, Fraction(_output_gain(ledger, output))) for output in moved[:SHOWN]]
+    limits = [f"{decimal(1 / gain, up=False)} for {name!r}" for name, gain in gains]
+    more = f" and so on ({len(moved)} outputs)" if len(moved) > SHOWN else ""
     return [
         "Any feedback from one output y, u - u* = v + w with |w| <= a sup|y - y*| so far, leaves inputs and outputs"
         f" bounded for bounded v where a < {', '.join(limits)}{more}, as long as the loop has a solution; the same in"
         " the mean square."
-    ] * bool(limits)
+    ]
 
 
 def _output_gain(ledger: Ledger, output: Output) -> str:

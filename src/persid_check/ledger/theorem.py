@@ -392,9 +392,16 @@ def _only_values(ledger: Ledger) -> bool:
 
 
 def has_feedback(ledger: Ledger) -> bool:
-    """Section 7, feedback: outputs of a model alone, with one gain for all its inputs."""
-    alone = ledger.outputs is not None and not ledger.deviations and not ledger.counts_b
-    return alone and ledger.claim == "rate-and-gain" and isinstance(ledger.gamma, Fraction) and ledger.inputs > 0
+    """Section 7, feedback: outputs of a model alone that inputs move, with one gain for all its inputs."""
+    if ledger.outputs is None or ledger.deviations or ledger.counts_b or not isinstance(ledger.gamma, Fraction):
+        return False
+    moved = any(is_moved(ledger, output) for output in ledger.outputs.listed)
+    return ledger.claim == "rate-and-gain" and ledger.inputs > 0 and moved
+
+
+def is_moved(ledger: Ledger, output: Output) -> bool:
+    """Whether the gain that is proved of an output is more than 0."""
+    return bool(output.steepness and ((output.constant and ledger.gamma) or any(output.direct)))
 
 
 def _is_incremental(ledger: Ledger) -> bool:
