@@ -52,8 +52,8 @@ class Slope:
 
 
 @dataclass(frozen=True)
-class Region:
-    """How large a region is certified, with nothing said about its bounds?"""
+class Question:
+    """A model that is asked about, with the figure that is reached at least, and those published, true, and before."""
 
     name: str
     model: ps.PersidskiiModel = field(repr=False)
@@ -61,9 +61,16 @@ class Region:
     published: float | None
     truth: float | None
     source: str
-    near: tuple[float, ...] | None = None
-    unit: str = "area"
+    unit: str = ""
     before: float | None = None
+
+
+@dataclass(frozen=True)
+class Region(Question):
+    """How large a region is certified, with nothing said about its bounds?"""
+
+    unit: str = "area"
+    near: tuple[float, ...] | None = None
 
     def largest(self, question: dict[str, Any]) -> float:
         """Return the volume of the certified region; 0 where none is."""
@@ -73,17 +80,10 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Stable:
+class Stable(Question):
     """Is it certified for all states, and at which rate? Or refuted, where `reached` is 0 and `truth` is 0."""
 
-    name: str
-    model: ps.PersidskiiModel = field(repr=False)
-    reached: float
-    published: float | None
-    truth: float | None
-    source: str
     unit: str = "rate, 1/s"
-    before: float | None = None
 
     def largest(self, question: dict[str, Any]) -> float:
         """Return the best proved rate, 0 where none is proved."""
@@ -194,7 +194,7 @@ PUBLISHED: tuple[Published, ...] = (
            "Prajna & Jadbabaie, HSCC (2004)"),
     Region("machine at an infinite bus, sin 60 degrees",
            _spring([[0.0, 1.0], [0.0, -0.5]], "sin(x)", -1.0, b=[0.0, _HALF_ROOT]), 1.27, None, None,
-           "Genesio et al., IEEE Trans. Autom. Control 30 (1985)", (np.pi / 3, 0.0)),
+           "Genesio et al., IEEE Trans. Autom. Control 30 (1985)", near=(np.pi / 3, 0.0)),
     Region("machine at a bus, two harmonics",
            _spring([[0.0, 1.0], [0.0, -0.279]], "sin(x+0.4136)-0.138*sin(2*x+0.8272)", -1.0, b=[0.0, 0.301]), 10.3,
            None, None, "Chiang et al., IEEE Trans. Autom. Control 33 (1988)"),

@@ -143,7 +143,7 @@ def advise(
     base = fit.on_appended()
     codes = list(suspicions.missing_codes(looked_at))
     if not codes and _is_good(fit, scores):
-        return Diagnosis(findings=tuple(_fewer(base, work, len(kept))))
+        return Diagnosis(findings=tuple(_fewer(base, work, len(kept), None)))
     if fit.basis_.size > MOST_COLUMNS:
         return Diagnosis(findings=tuple(_coded(codes)))
     before = _foretold(base, work, None, len(kept))
@@ -153,7 +153,7 @@ def advise(
     here = _measured(work)
     r2, error = _figures(ahead, here)
     if not codes and error <= _enough(record.floor):
-        return Diagnosis(findings=tuple(_fewer(base, work, len(kept))))
+        return Diagnosis(findings=tuple(_fewer(base, work, len(kept), before)))
     # where the fit was scored on more than is looked at here, a remedy has to do better than that, too
     known = scores.headline.error if scores is not None and scores.unseen else np.inf
     trials = _codes(base, work, codes) if codes else _trials(base, work, fit)
@@ -226,22 +226,26 @@ def _foretold(fit: Any, data: Trajectories, like: Record | None, kept: int = 0) 
         return None
 
 
-def _fewer(base: Any, data: Trajectories, kept: int) -> Iterator[Advice]:
-    """Yield the fewest functions that foretell as well as those of a good fit: x alone, or x and one more."""
+def _fewer(base: Any, data: Trajectories, kept: int, before: tuple[Record, Ahead] | None) -> Iterator[Advice]:
+    """Yield the fewest functions that foretell as well as those of a good fit: x alone, or x and one more.
+
+    `before` is how that fit foretells, where it is known.
+    """
     given = base.functions
     if len(given) * len(data.states) > MOST_TRIED or not all(isinstance(f, str) for f in given) or "x" not in given:
         return
     others = [f for f in given if f != "x"]
     sizes = [[["x"]], [["x", f] for f in others]][: len(given) - 1]
-    before = _foretold(base, data, None, kept) if sizes else None
+    before = before or (_foretold(base, data, None, kept) if sizes else None)
     if before is None:
         return
-    record, ahead = before
+    record, here = before[0], _measured(data)
+    enough = AS_WELL * _figures(before[1], here)[1]
     for size in sizes:
         tried = [(f, _foretold(clone(base).set_params(functions=f), data, record, kept)) for f in size]
-        left = [(_figures(outcome[1], _measured(data)), f) for f, outcome in tried if outcome is not None]
+        left = [(_figures(outcome[1], here), f) for f, outcome in tried if outcome is not None]
         (r2, error), functions = min(left, key=lambda one: one[0][1], default=((0.0, np.inf), size[0]))
-        if error <= AS_WELL * _figures(ahead, _measured(data))[1]:
+        if error <= enough:
             what = f"{' and '.join(functions)} {'alone foretells' if len(functions) == 1 else 'foretell'} as well"
             options = (("--functions", ",".join(functions)),)
             yield Advice("fewer", what, options, _with(f"functions={json.dumps(functions)}"), r2, error)
