@@ -545,3 +545,57 @@ _set("steps_dt_alone", V, M, "continuous time has no step", (("model", "dt"), (0
 _set("steps_time_alone", S, M, "a step is needed", (("model", "dt"), GONE))
 _set("steps_time_unknown", S, M, "no such time", (("model", "time"), "sampled"))
 _set("steps_time_continuous", V, M, "not in canonical form", (("model", "time"), "continuous"))
+
+# --- slopes along solutions, and values in V
+Z, ZK = "slopes", "slopes_of_kinks"
+_slope = ("facts", "slope", 0)
+_without_upper = tuple((("curves", 0, "forms", k, name), None) for k in (0, 1) for name in ("upper", "lower"))
+_set("slope_too_steep", Z, R, "tanh has slope 1", _l(1, 0.999, -1), *_without_upper)
+_set("slope_of_a_sector_form", Z, R, "a sector form says nothing of slopes", _is(1, "sector"), *_without_upper)
+_set("slope_of_the_other_sign", Z, R, "-x + tanh x falls", _l(1, -1, 1))
+_set("slope_negative", Z, M, "a multiplier is negative", ((*_slope, 3), [-1, 0]))
+_set("slope_of_a_channel_without_value", Z, M, "P has no such row", (("P",), lambda P: {"lower": P["lower"]}))
+_set("slope_without_value", Z, R, "the function's value has no derivative in zeta", (("P",), lambda P: {
+    "lower": P["lower"][:3]}), (("points", 0, "densities"), lambda listed: listed[:1]))  # fmt: skip
+_set("slope_short", Z, M, "a fact has four numbers", (_slope, [0, 0, [1, 0]]))
+_set("slope_of_two_points", Z, M, "a fact has four numbers", (_slope, [0, 0, 0, 1, [1, 0]]))
+_set("slope_with_an_input", Z, M, "y' holds u itself, and nothing of u'", (_slope, [0, 0, 1, [1, 0], [1, 0]]))
+_set("slope_of_sine", Z, R, "sin falls from pi/2 on", *_f("sin(x)"))
+_set("slope_of_sine_in_a_sum", Z, R, "slopes to 2", *_f("x+sin(x)"), *_without_upper)
+_set("slope_of_a_root", Z, R, "not Lipschitz at 0", *_f("sqrt(abs(x))"), *_without_upper)
+_set("slope_of_a_cube", Z, R, "no bound of slopes", *_f("x**3"))
+_set("slope_of_a_jump", Z, R, "nearly a jump", *_f("tanh(1e6*x)"))
+_set("slope_of_a_steeper_saturation", ZK, R, "slope 1.5", *_f("1.5*sat(x)"))
+_set("slope_of_a_dead_zone", ZK, R, "nothing holds x where the dead zone rests", *_f("deadzone(x)"),
+     (("model", "A0", 0, 0), (2.0).hex()))  # fmt: skip
+_set("slope_of_a_relu", Z, R, "far out on one side the loop is as with slope 1, and half the sum is not bounded",
+     *_f("relu(x)"), (("model", "A0", 1, 0), (-1.0).hex()))  # fmt: skip
+_set("value_not_at_rest", Z, R, "V is not 0 at x*", *_f("tanh(x)+1"))
+_set("value_of_shifted_tanh", Z, R, "V is not 0 at x*", *_f("tanh(x+1)"))
+_set("value_of_no_channel", Z, M, "no such channel", (("P", "channels"), [1]))
+_set("value_twice", Z, M, "channels rise", (("P", "channels"), [0, 0]))
+_set("value_of_none", Z, M, "there is one at least", (("P", "channels"), []))
+_set("value_in_a_diagonal", Z, M, "P is full there", (("P",), {"diagonal": [[1, 0]] * 4, "channels": [0]}))
+_set("value_row_missing", Z, M, "a row for each value", (("P", "lower"), lambda rows: rows[:3]))
+_set("value_sign", Z, R, "the other sign", (("P", "lower", 3, 0), lambda pair: [-pair[0], pair[1]]))
+_set("value_alone", Z, R, "without facts about slopes nothing bounds sigma", (("facts", "slope"), []))
+_set("value_dropped", Z, R, "its row of M is not zero", (("dropped",), [3]))
+_set("value_of_an_unstable_loop", Z, R, "a slope of 2.3 is one too many", *_f("tanh(2.5*x)"))
+_set("value_with_the_loop_closed_wrong", Z, R, "an unstable loop",
+     (("model", "terms", 0, "A", 0, 0), (4.0).hex()))  # fmt: skip
+_lower = ("curves", 0, "forms", 0, "lower")
+_set("square_larger_than_it_says", Z, R, "j is y - d l", ((*_lower, 0), number(1.125)))
+_set("square_of_another_form", Z, R, "form j is another one", ((*_lower, 1), 0))
+_set("square_of_a_form_that_falls", Z, R, "1 - 1.125 y' < 0", ((*_lower, 0), number(1.125)), _l(1, 1, -1.125),
+     (("curves", 0, "forms", 1, "lower"), None), *_without_upper)  # fmt: skip
+_set("square_of_a_sector_bound", Z, R, "y - d l must rise", _is(1, "sector"), *_without_upper[:1],
+     *_without_upper[2:], (("facts", "slope"), []))  # fmt: skip
+for _name, _edit in {
+    "slopes": (("facts", "slope"), [[0, 0, 0, [1, -20]]]),
+    "values": (("P",), {"lower": [[[0, 0]] * i + [[1, 0]] for i in range(4)], "channels": [0]}),
+}.items():
+    FALSEHOODS.append(
+        Falsehood(f"{_name}_in_steps", R, "no slope in steps", lambda edit=_edit: changed("steps_iss", (edit,)))
+    )
+_set("values_and_dropped_states", "m_cubes", R, "P is over the states alone", (("P",), {
+    "lower": [[[0, 0]] * i + [[1, -20]] for i in range(3)], "channels": [0]}))  # fmt: skip

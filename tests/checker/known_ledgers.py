@@ -158,11 +158,33 @@ def lookup() -> Certificate:
     return solved(Sketch(model, [forms], points, facts, "rate-and-gain", Fraction(1, 8)))
 
 
+def lure(f: str = "tanh(x)", **more: Any) -> Sketch:
+    """A plant in a loop with a function of slopes 0 to 2: integrals and products prove it up to 1.76."""
+    A0, row = [[-2.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, -0.4, -0.2]
+    model = model_object([(f, [row], [[-1.0], [0.0], [0.0]])], A0, [[1.0], [0.0], [0.0]], n=3)
+    bounds = [{"upper": (1, 0), "lower": (1, j)} for j in (1, 0)]
+    rising = [((0, 1), "nondecreasing", bounds[0]), ((1, -1), "nondecreasing", bounds[1])]
+    points = [point(0, dict(enumerate(row)), [0], [0, 1])]
+    return Sketch(
+        model, [curve([(f, 1)], *rising)], points, [("value", 0, 0, 1), ("slope", 0, 0, 1)], inside=(0,), **more
+    )
+
+
+def slopes() -> Certificate:
+    """Slopes along the solution, and the function's value in V."""
+    return solved(lure())
+
+
+def slopes_of_kinks() -> Certificate:
+    """The same for a saturation, whose slope jumps, with a rate and a gain."""
+    return solved(lure("sat(x)", claim="rate-and-gain", kappa=Fraction(1, 256)))
+
+
 OWN: dict[str, Callable[[], Certificate]] = {
     made.__name__: made
     for made in (
         spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below,
-        lookup, *known_steps.MAKERS,
+        lookup, slopes, slopes_of_kinks, *known_steps.MAKERS,
     )
 }  # fmt: skip
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))

@@ -44,6 +44,7 @@ class Sketch:
     kappa: Any = 0
     full: bool = True
     more: dict[str, Any] = field(default_factory=dict)
+    inside: tuple[int, ...] = ()
 
 
 def form(functions: list[tuple[str, Any]], l: Any, kind: str, **numbers: Any) -> dict[str, Any]:
@@ -118,14 +119,15 @@ def draft(sketch: Sketch) -> dict[str, Any]:
     """The content with all multipliers 0."""
     facts: dict[str, list[Any]] = {"value": [], "one_signed": [], "difference": [], "constant": []}
     for kind, *places in sketch.facts:
-        facts[kind].append([*places, ZERO])
-    n = len(sketch.model["states"])
-    P = [[ZERO] * (i + 1) for i in range(n)] if sketch.full else [ZERO] * n
+        facts.setdefault(kind, []).append([*places, ZERO])
+    n = len(sketch.model["states"]) + len(sketch.inside)
+    P: dict[str, Any] = {"lower": [[ZERO] * (i + 1) for i in range(n)]} if sketch.full else {"diagonal": [ZERO] * n}
     return {
         "format": "persid-certificate-2", "claim": sketch.claim, "statement": "for people",
         "model_sha256": model_sha256(sketch.model), "model": canonical_model(sketch.model), "operating_point": None,
         "curves": copy.deepcopy(sketch.curves), "points": copy.deepcopy(sketch.points), "facts": facts,
-        "P": {"lower": P} if sketch.full else {"diagonal": P}, "gamma": ZERO, "deviations": [], "dropped": [],
+        "P": P | ({"channels": list(sketch.inside)} if sketch.inside else {}),
+        "gamma": ZERO, "deviations": [], "dropped": [],
         "spanning": [], "kappa": number(sketch.kappa), "p": ZERO, "strips": [], "level": ZERO, "input_bound": ZERO,
         "outputs": [], "proof": {"P": [], "M": [], "V": None},
     } | copy.deepcopy(sketch.more)  # fmt: skip

@@ -37,10 +37,11 @@ class Sampled:
         self.null = point is None
         self.discrete = content["model"].get("time") == "discrete"
         stored = content["P"]
+        self.inside = stored.get("channels", [])
         if "diagonal" in stored:
             self.P = np.diag([number(v) for v in stored["diagonal"]])
         else:
-            L = np.zeros((self.model.n, self.model.n))
+            L = np.zeros((self.model.n + len(self.inside),) * 2)
             for i, row in enumerate(stored["lower"]):
                 L[i, : i + 1] = [number(v) for v in row]
             self.P = L + np.tril(L, -1).T
@@ -73,9 +74,21 @@ class Sampled:
         """Form k at point p."""
         return np.array([number(v) for v in self.points[p][1]["forms"][k]["l"]])
 
+    def z(self, x: Array) -> tuple[Array, Array]:
+        """The state and the values that P reads, and their derivative by x."""
+        m, values, slopes = self.model, [], []
+        for c in self.inside:
+            f, row = m.f[c], m.R[c]
+            base = 0.0 if self.null else f.value(np.array(row @ (self.x - m.x_ref)))
+            y = np.array(row @ (self.x - m.x_ref + x))
+            values.append(float(f.value(y) - base))
+            slopes.append(float(f.derivative(y)) * row)
+        return np.append(x, values), np.vstack([np.eye(m.n), *slopes])
+
     def V(self, x: Array) -> float:
         """V at x, relative to x*."""
-        total = float(x @ self.P @ x)
+        z, _ = self.z(x)
+        total = float(z @ self.P @ z)
         for p, (each, _, row, _, _) in enumerate(self.points):
             for k, mu in each["densities"]:
                 if mu[0]:
@@ -84,7 +97,8 @@ class Sampled:
 
     def gradient(self, x: Array) -> Array:
         """The gradient of V."""
-        total = 2 * self.P @ x
+        z, slopes = self.z(x)
+        total = 2 * slopes.T @ self.P @ z
         for p, (each, _, row, _, _) in enumerate(self.points):
             for k, mu in each["densities"]:
                 if mu[0]:
@@ -160,7 +174,8 @@ def faults(content: dict[str, Any], seed: int = 0, samples: int = SAMPLES) -> li
                 found.append(f"V' = {change} > {limit} at x = {x}, v = {v}")
             if claim != "iss" and p * float(x @ x) - below - TOLERANCE * (abs(V) + p * float(x @ x)) > V:
                 found.append(f"V = {V} < p |x|^2 at {x}")
-            if claim == "iss" and -TOLERANCE * float(np.abs(x) @ np.abs(look.P) @ np.abs(x)) > V:
+            z = np.abs(look.z(x)[0])
+            if claim == "iss" and -TOLERANCE * float(z @ np.abs(look.P) @ z) > V:
                 found.append(f"V = {V} < 0 at {x}")
             found += _output_faults(look, x, V)
         found += _region_faults(look, strips, Gamma, kappa, spread, rng)

@@ -58,9 +58,15 @@ def _check(data: dict[str, Any]) -> None:
         B = [[*row, _exact(v)] for row, v in zip(B, form["b"], strict=True)]
     m, own = len(B[0]), n + len(channels)
     columns = [column for deviation in data["deviations"] for column in deviation["columns"]]
-    size = own + m + len(columns)
+    inside = data["P"].get("channels", [])
+    _require(all(type(c) is int and 0 <= c < len(channels) for c in inside) and inside == sorted(set(inside)), "inside")
+    last = own + m + len(columns)
+    size, sigma = last + len(inside), {c: last + i for i, c in enumerate(inside)}
     L = [[sum((_dyadic(v) for k, v in column if k == i), _ZERO) for column in columns] for i in range(n)]
-    G = [[*A0[i], *(channel[2][i] for channel in channels), *B[i], *L[i]] for i in range(n)]
+    rest = [_ZERO] * len(inside)
+    G = [[*A0[i], *(channel[2][i] for channel in channels), *B[i], *L[i], *rest] for i in range(n)]
+    G += [[Fraction(j == sigma[c]) for j in range(size)] for c in inside]  # the derivative of z
+    z = [*range(n), *(n + c for c in inside)]
     kappa, p = _dyadic(data["kappa"]), _dyadic(data["p"])
     rated = data["claim"] == "rate-and-gain"
     _require((kappa > 0 and p > 0) if rated else kappa == p == 0, "kappa, p")
@@ -68,19 +74,23 @@ def _check(data: dict[str, Any]) -> None:
     points = [_Point(data, each, channels, n, size) for each in data["points"]]
     _require({c for point in points for c in point.channels} == set(range(len(channels))), "a channel without point")
     M = [[_ZERO] * size for _ in range(size)]
-    P, Pt = _P(data["P"], n), _P(data["P"], n)
-    half = [[*P[i], *[_ZERO] * (size - n)] for i in range(n)]  # half the gradient, n rows over zeta
-    for i in range(n):
-        M[i][:n] = [-kappa * v for v in P[i]]
+    P, Pt = _P(data["P"], len(z)), _P(data["P"], len(z))
+    half = [[_ZERO] * size for _ in z]  # half the gradient by z, rows over zeta
+    for i, a in enumerate(z):
+        for j, b in enumerate(z):
+            half[i][b], M[a][b] = P[i][j], -kappa * P[i][j]
     steps = _is_discrete(form)
+    _require(not steps or not (inside or data["facts"].get("slope")), "slopes in steps")
     for point in points:
         _require(not steps or not any(_dyadic(mu) for _, mu in point.stored["densities"]), "a density in steps")
         _densities(M, half, point, kappa)
+        _squares(Pt, point, inside)
     _facts(M, points, data["facts"])
+    _along(M, points, data["facts"].get("slope", []), G, sigma)
     if steps:
         _require(kappa < 1, "kappa in steps")
         _step(M, P, G)
-    for i in range(0 if steps else n):
+    for i in range(0 if steps else len(z)):
         _add(M, half[i], G[i], Fraction(-1))
     _bounds(M, data, own, m)
     dropped = data["dropped"]
@@ -149,12 +159,44 @@ def _densities(M: list[Row], half: list[Row], point: "_Point", kappa: Fraction) 
         if not mu:
             continue
         _require(point.is_sector(k), "density")
-        if point.curve["forms"][k]["lower"] is not None:
-            raise UnsupportedError
         for i, r in enumerate(point.row):
             half[i] = [h + mu * r * v for h, v in zip(half[i], row, strict=True)]
         if kappa:
             _add(M, point.y(), row, -kappa * mu * point.upper(k))
+
+
+def _squares(Pt: list[Row], point: "_Point", inside: list[int]) -> None:
+    """Bounds from below: by the square of the form itself, the others are not supported."""
+    place = {c: point.n + i for i, c in enumerate(inside)}
+    for k, pair in point.stored["densities"]:
+        lower, l = point.curve["forms"][k]["lower"], point.coefficients(k)
+        if lower is None:
+            continue
+        d, j = _dyadic(lower[0]), lower[1]
+        if point.coefficients(j) != [Fraction(i == 0) - d * v for i, v in enumerate(l)]:
+            raise UnsupportedError
+        _require(d >= 0 and point.is_nondecreasing(j) and point.is_sector(k), "lower")
+        row = [l[0] * r for r in point.row] + [_ZERO] * len(inside)
+        for c, v in zip(point.channels, l[1:], strict=True):
+            if v:
+                row[place[c]] += v
+        _add(Pt, row, row, _dyadic(pair) * d / 2)
+
+
+def _along(M: list[Row], points: list["_Point"], facts: list[Any], G: list[Row], sigma: dict[int, int]) -> None:
+    """Products of two forms of (r'G zeta, sigma); the supported functions are all Lipschitz and 0 at 0."""
+    for p, k, l, pair in facts:
+        tau, point = _dyadic(pair), points[_index(p, points)]
+        _require(tau >= 0 and point.is_nondecreasing(k) and point.is_nondecreasing(l), "slope")
+        rows = []
+        for f in (k, l):
+            first, *others = point.coefficients(f)
+            row = [first * sum((r * g[j] for r, g in zip(point.row, G, strict=False)), _ZERO) for j in range(len(M))]
+            for c, v in zip(point.channels, others, strict=True):
+                if v:
+                    row[sigma[c]] += v
+            rows.append(row)
+        _add(M, rows[0], rows[1], -tau)
 
 
 def _facts(M: list[Row], points: list["_Point"], facts: dict[str, Any]) -> None:

@@ -51,7 +51,7 @@ def test_forgeries_are_many_and_different() -> None:
 def test_integrals_in_V_forgo_the_incremental_sentence() -> None:
     """Any two solutions are spoken of only where V has no integral and every form is nondecreasing."""
     assert "any two solutions" in check(data(known_ledgers.load("incremental"))).statement
-    for name in ("e_mixed_pair", "g_linear", "difference", "plant", "region"):
+    for name in ("e_mixed_pair", "g_linear", "difference", "plant", "region", "slopes_of_kinks"):
         statement = check(data(known_ledgers.load(name))).statement
         assert "any two solutions" not in statement
         assert "exactly one equilibrium" not in statement
@@ -76,7 +76,7 @@ def test_one_equilibrium_for_every_constant_input(u: float) -> None:
 def test_every_operating_point_needs_nondecreasing_forms() -> None:
     """Differences, one-signed forms, deviations and sector forms forgo the sentence about every equilibrium."""
     assert "every equilibrium" in check(data(known_ledgers.load("g_ball"))).statement
-    for name in ("difference", "one_signed", "plant", "region", "practical", "m_cubes"):
+    for name in ("difference", "one_signed", "plant", "region", "practical", "m_cubes", "slopes"):
         assert "every equilibrium" not in check(data(known_ledgers.load(name))).statement
 
 

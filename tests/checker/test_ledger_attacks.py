@@ -194,6 +194,59 @@ def test_accepted_models_of_several_states_are_stable_of_two_thousand() -> None:
     assert _families(2000, seed=100)["iss, Accepted"] > 300
 
 
+_SLOPED = ("tanh(x)", "sat(x)", "relu(x)", "deadzone(x)", "softsign(x)", "softplus(x)-0.6931471805599453",
+           "pwl(x; -1: -0.5, 0: 0, 2: 0.25, 3: 1.25)", "sin(x)", "expm1(x)")  # fmt: skip
+
+
+def _loop(choose: random.Random) -> Sketch:
+    """A plant of two or three states in a loop with a function, which mostly has slopes from 0 to 1."""
+    n, f, k = choose.choice((2, 3)), choose.choice(_SLOPED), choose.choice((0.5, 2.0, 8.0))
+    rng = np.random.default_rng(choose.randrange(10**6))
+    A0 = rng.normal(size=(n, n)).round(3)
+    A0 -= np.eye(n) * round(float(np.linalg.eigvals(A0).real.max()) + choose.uniform(-0.1, 1), 3)
+    row, column = (k * rng.normal(size=n)).round(3), rng.normal(size=(n, 1)).round(3)
+    model = model_object([(f, [row.tolist()], column.tolist())], A0.tolist(), np.eye(n)[:, :1].tolist(), n=n)
+    kappa = choose.choice((0, Fraction(1, 32)))
+    bounds = [{"upper": (1, 0), "lower": (1, j)} if choose.random() < 0.8 else {"upper": (1, 0)} for j in (1, 0)]
+    forms = curve([(f, 1)], ((0, 1), "nondecreasing", bounds[0]), ((1, -1), "nondecreasing", bounds[1]))
+    at = point(0, {i: v for i, v in enumerate(row.tolist()) if v}, [0], [0, 1])
+    facts = [("value", 0, 0, 1), ("slope", 0, 0, 1), ("slope", 0, 0, 0), ("slope", 0, 1, 1)]
+    return Sketch(model, [forms], [at], facts, "rate-and-gain" if kappa else "iss", kappa, inside=(0,))
+
+
+def _comes_to_rest(content: dict[str, Any]) -> bool:
+    """Truth for loops, as far as runs tell: linear at 0 and far out, and from large and small starts."""
+    from checker.independent import Model
+
+    m, rng = Model(content["model"]), np.random.default_rng(0)
+    ends = [np.linalg.eigvals(m.J(s * np.ones(m.n))).real.max() for s in (0.0, 1e3, -1e3)]
+    x = rng.normal(size=(40, m.n)) * np.geomspace(0.01, 300, 40)[:, None]
+    start, h = np.linalg.norm(x, axis=1), 0.02
+    for _ in range(6000):
+        ks, y = [], x
+        for share in (0.5, 0.5, 1.0, 0.0):
+            ks.append(_field(m, y))
+            y = x + share * h * ks[-1]
+        x = x + h / 6 * (ks[0] + 2 * ks[1] + 2 * ks[2] + ks[3])
+    return max(ends) < 1e-6 and bool((np.linalg.norm(x, axis=1) < 0.9 * start).all())
+
+
+def _field(m: Any, x: np.ndarray) -> np.ndarray:
+    return x @ m.A0.T + m.f[0].value(x @ m.R[0])[:, None] * m.A[:, 0]
+
+
+@pytest.mark.long
+def test_accepted_loops_come_to_rest() -> None:
+    """Of random loops with values and slopes in the proof, every accepted one is stable, and its ledger holds."""
+    assert outcomes(_loop, _comes_to_rest, 60, seed=1)["Accepted"] >= 8
+
+
+@pytest.mark.slow
+def test_accepted_loops_come_to_rest_of_three_thousand() -> None:
+    """The same for 3,000 loops."""
+    assert outcomes(_loop, _comes_to_rest, 3000, seed=2)["Accepted"] > 400
+
+
 _ODD: tuple[Any, ...] = (
     None, True, False, "", "x", "any", [], {}, [[]], [{}], {"a": 1}, 0, -1, 10**30, -(10**300), [0, 0], [1, -2000],
     [1, 2000], [1, 10**9], [[1, 0]], "0x1.0p+0", "é" * 50, [None], [[0, [1, 0]]] * 3, {"lower": []}, {"diagonal": []},
@@ -222,7 +275,7 @@ def _disfigured(content: Any, path: tuple[Any, ...], new: Any) -> Any:
     return changed
 
 
-@pytest.mark.parametrize("name", ["spring", "region", "plant", "g_ball", "one_signed"])
+@pytest.mark.parametrize("name", ["spring", "region", "plant", "g_ball", "one_signed", "slopes"])
 def test_a_wrong_type_anywhere_is_answered(name: str) -> None:
     """A value of another type, size or depth at any place is answered, never a traceback, and quickly."""
     choose, content = random.Random(name), known_ledgers.load(name)

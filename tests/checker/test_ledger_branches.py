@@ -174,3 +174,29 @@ def test_outputs_are_worded_for_every_kind_of_input() -> None:
     assert isinstance(answer, Accepted)
     assert all(f" sup|u{i + 1} - u{i + 1}*|" in answer.statement for i in range(m))
     assert json.loads(data(each))["outputs"] == []
+
+
+def valued(text: str, kind: str = "nondecreasing", other: str = "nondecreasing") -> dict[str, Any]:
+    """x' = -x + u beside a function without effect, whose value P reads."""
+    model = model_object([(text, [[1.0]], [[0.0]])], [[-1.0]], [[1.0]])
+    forms = curve([(text, 1)], ((1, 0), kind), ((0, 1), other))
+    content = draft(Sketch(model, [forms], [point(0, {0: 1}, [0], [])], [("slope", 0, 0, 0)], inside=(0,)))
+    content["P"]["lower"] = [[[1, 0]], [[0, 0], [1, -9]]]
+    return content | {"gamma": [4, 0]}
+
+
+def test_a_value_in_V_has_a_derivative_and_is_0_at_rest() -> None:
+    """A value that P reads must be Lipschitz, so that it has a derivative along solutions, and 0 at x*."""
+    why = {
+        "inequality is not proved": valued("tanh(x)"),
+        "locally Lipschitz: on the piece": valued("sqrt(abs(x))", other="one-signed"),
+        "not 0 at the operating point": valued("tanh(x)+1"),
+        "both forms must be nondecreasing": valued("tanh(x)", "sector"),
+        "form 1 reads a channel": valued("tanh(x)") | {
+            "P": {"lower": [[[1, 0]]]}, "facts": valued("tanh(x)")["facts"] | {"slope": [[0, 0, 1, [1, 0]]]}
+        },
+    }  # fmt: skip
+    for reason, content in why.items():
+        answer = check(data(content))
+        assert isinstance(answer, Rejected), reason
+        assert reason in answer.why, answer

@@ -222,10 +222,11 @@ def with_proof(draft: Json) -> Json:
     matrices, n = assemble(ledger), ledger.model.n
     kept = [i for i in range(matrices.M.height) if i not in set(ledger.dropped)]
     states = [i for i in kept if i < n]
-    lower = matrices.Pt + diagonal([-ledger.p] * n)
+    values = list(range(n, matrices.Pt.height))  # of functions, which V reads
+    lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
     bounding = ledger.claim == "region" or ledger.outputs is not None
     proof = {
-        "P": factor(floats(lower.kept(states, states))),
+        "P": factor(floats(lower.kept(*[states + values] * 2))),
         "M": factor(floats(matrices.M.kept(kept, kept))),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }

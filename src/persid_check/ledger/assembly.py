@@ -1,27 +1,32 @@
 """The one matrix M and the bounds of V, assembled exactly from the model and the multipliers of the file.
 
-zeta = (x, s, v, w). Facts and densities are rows over eta = (y of each point, s): each costs as much as it has entries;
-then eta = N zeta, with y_p = r_p'x. Sections 3 to 5 of the specification.
+zeta = (x, s, v, w, sigma). Facts and densities are rows over eta = (y of each point, s): each costs as much as it has
+entries; then eta = N zeta, with y_p = r_p'x. Facts about slopes are such rows over eta', the derivative of eta along
+the solution, with y_p' = r_p'G zeta. Sections 3 to 5 of the specification.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
+
+from flint import fmpz_mat
 
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
-from persid_check.ledger.values import Fact, Ledger
+from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.reading import Lower
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 
 Eta = Mapping[int, Fraction]  # a row over eta: points first, then channels
 Entries = list[tuple[int, int, Fraction]]  # of a sparse matrix: row, column, value
+Weighted = tuple[Eta, Eta, Fraction]  # two factors and the multiplier of their product
 _ZERO = Fraction(0)
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """M over zeta; Pt with V >= x'Pt x - below; V <= zeta'W zeta + above; the supply c_0 of the constant facts."""
+    """M over zeta; Pt with V >= z'Pt z - below; V <= zeta'W zeta + above; the supply c_0 of the constant facts."""
 
     M: Matrix
     P: Matrix
@@ -34,32 +39,48 @@ class Assembly:
 
 def assemble(ledger: Ledger) -> Assembly:
     """Return the matrices of a certificate."""
-    n = ledger.model.n
     P, gamma, flow = quadratic(ledger), gamma_matrix(ledger), flow_matrix(ledger)
-    size = flow.width
-    rows = matrix([[point.row.get(i, _ZERO) for i in range(n)] for point in ledger.points], n)
-    rise = _step_rise(P, flow, size) if ledger.model.is_discrete else _rise(_gradient(ledger, P, rows), flow, size)
-    products = _lifted(ledger, _over_eta(ledger), rows)
-    quadratic_terms = diagonal([ledger.kappa] * n) * P
-    loss = -rise + _padded(-products, size) + _padded(-quadratic_terms, size) + _bounds(ledger, gamma, size)
-    Pt = P + rows.T * _times_rows(ledger, _curvatures(ledger), len(ledger.points))
+    size, channels = flow.width + len(ledger.inside), len(ledger.model.channels)
+    rows, n = [point.row for point in ledger.points], ledger.model.n
+    z = [*range(n), *(n + c for c in ledger.inside)]  # where the entries of z stand in (x, s)
+    rise = _step_rise(P, flow, size) if ledger.model.is_discrete else _rise(_gradient(ledger, P, rows, z), ledger, flow)
+    products = _lifted(_over_eta(_weighted(ledger)), rows, n, channels)
+    share = _at(_at(-diagonal([ledger.kappa] * P.height) * P, z, size).T, z, size)
+    loss = -rise + _padded(-products, size) + share + _bounds(ledger, gamma, size)
+    if slopes := _over_eta(_weighted_slopes(ledger)):
+        loss = loss + -_lifted(slopes, _rows_along(ledger, flow), flow.width, len(ledger.inside))
+    Pt = P + _lifted(_over_eta(_curvatures(ledger)), rows, n, len(ledger.inside))
     return Assembly(loss, P, Pt, gamma, *_offsets(ledger))
 
 
-def _rise(gradient: Matrix, flow: Matrix, size: int) -> Matrix:
-    """Return the form V' = 2 (x, s)'gradient G zeta; `gradient` is (x, s) by x."""
-    half = gradient * flow
-    half = blocks([[half], [matrix([[0] * size for _ in range(size - half.height)], size)]])
+def _at(part: Matrix, places: Sequence[int], height: int) -> Matrix:
+    """Return the rows of a matrix at some places of a higher one, which is 0 elsewhere."""
+    lines: list[list[Any]] = [[0] * part.width] * height
+    for place, line in zip(places, part.entries.table(), strict=True):
+        lines[place] = line
+    return Matrix(fmpz_mat(height, part.width, [value for line in lines for value in line]), part.exponent)
+
+
+def _rise(gradient: Matrix, ledger: Ledger, flow: Matrix) -> Matrix:
+    """Return the form V' = 2 (x, s)'gradient (G zeta, sigma); `gradient` is (x, s) by z."""
+    n, k = ledger.model.n, len(ledger.inside)
+    size = flow.width + k
+    half = gradient * blocks([[flow, _zeros(n, k)], [_zeros(k, flow.width), diagonal([1] * k)]])
+    half = blocks([[half], [_zeros(size - half.height, size)]])
     return half + half.T
 
 
+def _zeros(height: int, width: int) -> Matrix:
+    return matrix([[0] * width for _ in range(height)], width)
+
+
 def _step_rise(P: Matrix, flow: Matrix, size: int) -> Matrix:
-    """Return the form V(x+) - V(x) = zeta'G'P G zeta - x'P x of a step."""
+    """Return the form V(x+) - V(x) = zeta'G'P G zeta - x'P x of a step; P is over the states alone."""
     return flow.T * P * flow + _padded(-P, size)
 
 
 def quadratic(ledger: Ledger) -> Matrix:
-    """Return P."""
+    """Return P, of the size of z."""
     return diagonal([row[0] for row in ledger.P]) if ledger.diagonal else symmetric(ledger.P)
 
 
@@ -89,8 +110,8 @@ def flow_matrix(ledger: Ledger) -> Matrix:
     return matrix(lines, ledger.entries + ledger.inputs + len(columns))
 
 
-def _gradient(ledger: Ledger, P: Matrix, rows: Matrix) -> Matrix:
-    """Return half the gradient of V, P x + sum r_p lambda_p'Phi_p, as a matrix (x, s) by x."""
+def _gradient(ledger: Ledger, P: Matrix, rows: Sequence[Row], z: Sequence[int]) -> Matrix:
+    """Return half the gradient of V by z, P z and sum r_p lambda_p'Phi_p for x, as a matrix (x, s) by z."""
     first = len(ledger.points)
     heads: Entries = []
     sides: Entries = []
@@ -98,19 +119,35 @@ def _gradient(ledger: Ledger, P: Matrix, rows: Matrix) -> Matrix:
         for k, mu in point.densities:
             for place, value in _row(ledger, p, k).items():
                 (heads if place == p else sides).append((place if place == p else place - first, p, mu * value))
-    top = rows.T * _times_rows(ledger, heads, first)
-    return blocks([[P + top], [_times_rows(ledger, sides, len(ledger.model.channels))]])
+    n = ledger.model.n
+    top = _dense(rows, n).T * _times_rows(rows, n, heads, first)
+    own = blocks([[top], [_times_rows(rows, n, sides, len(ledger.model.channels))]])
+    return _at(P, z, own.height) + blocks([[own, _zeros(own.height, len(ledger.inside))]])
 
 
-def _times_rows(ledger: Ledger, entries: Entries, height: int) -> Matrix:
-    """Return H R for a sparse H of entries (i, p, value), R the rows of the points: line i is the sum of value r_p'."""
-    lines: list[list[Number]] = [[_ZERO] * ledger.model.n for _ in range(height)]
+def _dense(rows: Sequence[Row], width: int) -> Matrix:
+    return matrix([[row.get(i, _ZERO) for i in range(width)] for row in rows], width)
+
+
+def _times_rows(rows: Sequence[Row], width: int, entries: Entries, height: int) -> Matrix:
+    """Return H R for a sparse H of entries (i, p, value), R the rows of points: line i is the sum of value r_p'."""
+    lines: list[list[Number]] = [[_ZERO] * width for _ in range(height)]
     for i, p, value in entries:
-        row = ledger.points[p].row
-        spend(len(row))
-        for k, r in row.items():
+        spend(len(rows[p]))
+        for k, r in rows[p].items():
             lines[i][k] += value * r
-    return matrix(lines, ledger.model.n)
+    return matrix(lines, width)
+
+
+def _rows_along(ledger: Ledger, flow: Matrix) -> list[Row]:
+    """Return the rows of y_p' = r_p'G zeta, of the points of facts about slopes."""
+    used = sorted({fact.p for fact in ledger.facts if fact.kind == "slope"})
+    lines = _dense([ledger.points[p].row for p in used], ledger.model.n) * flow
+    rows: list[Row] = [{}] * len(ledger.points)
+    for i, p in enumerate(used):
+        spend(flow.width)
+        rows[p] = {j: value for j in range(flow.width) if (value := lines.entry(i, j))}
+    return rows
 
 
 def _row(ledger: Ledger, p: int, k: int) -> Eta:
@@ -124,10 +161,10 @@ def _row(ledger: Ledger, p: int, k: int) -> Eta:
     return {place: value for place, value in row.items() if value}
 
 
-def _over_eta(ledger: Ledger) -> dict[tuple[int, int], Fraction]:
-    """Return the lower entries of sum tau (p q' + q p') + kappa sum mu c (e_y l' + l e_y'), a form over eta."""
+def _over_eta(weighted: Iterable[Weighted]) -> dict[tuple[int, int], Fraction]:
+    """Return the lower entries of the sum of weight (p q' + q p'), a form over eta."""
     total: dict[tuple[int, int], Fraction] = {}
-    for p, q, weight in _weighted(ledger):
+    for p, q, weight in weighted:
         spend(len(p) * len(q))
         for i, a in p.items():
             for j, b in q.items():
@@ -136,9 +173,10 @@ def _over_eta(ledger: Ledger) -> dict[tuple[int, int], Fraction]:
     return total
 
 
-def _weighted(ledger: Ledger) -> Iterator[tuple[Eta, Eta, Fraction]]:
+def _weighted(ledger: Ledger) -> Iterator[Weighted]:
+    """The factors of facts with tau, and of kappa sum mu c (e_y l' + l e_y')."""
     for fact in ledger.facts:
-        if fact.tau:
+        if fact.tau and fact.kind != "slope":
             yield *_factors(ledger, fact), fact.tau
     for p, point in enumerate(ledger.points):
         for k, mu in point.densities if ledger.kappa else ():
@@ -147,6 +185,21 @@ def _weighted(ledger: Ledger) -> Iterator[tuple[Eta, Eta, Fraction]]:
                 raise NotProvedError(f"points[{p}].densities", "with kappa > 0 each density needs an upper bound")
             if mu and upper is not None and upper.c:
                 yield {p: Fraction(1)}, _row(ledger, p, k), ledger.kappa * mu * upper.c
+
+
+def _weighted_slopes(ledger: Ledger) -> Iterator[Weighted]:
+    """The factors of facts about slopes, over eta': the points, then the values that V reads."""
+    for fact in ledger.facts:
+        if fact.tau and fact.kind == "slope":
+            yield _row_inside(ledger, fact.p, fact.k), _row_inside(ledger, fact.p, fact.l), fact.tau
+
+
+def _row_inside(ledger: Ledger, p: int, k: int) -> Eta:
+    """Return form k at point p, which has to read values inside P alone, as a row over the points and these values."""
+    first, row = len(ledger.points), _row(ledger, p, k)
+    if any(at >= first and at - first not in ledger.inside_at for at in row):
+        raise NotProvedError(f"points[{p}]", f"form {k} reads a channel whose value P does not read")
+    return {at if at < first else first + ledger.inside_at[at - first]: value for at, value in row.items()}
 
 
 def _factors(ledger: Ledger, fact: Fact) -> tuple[Eta, Eta]:
@@ -165,9 +218,9 @@ def _difference(ledger: Ledger, fact: Fact, k: int) -> Eta:
     return total
 
 
-def _lifted(ledger: Ledger, eta: Mapping[tuple[int, int], Fraction], rows: Matrix) -> Matrix:
-    """Return N'H N for the form H over eta: a form over (x, s)."""
-    first, channels = len(ledger.points), len(ledger.model.channels)
+def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width: int, channels: int) -> Matrix:
+    """Return N'H N for the form H over eta, with the rows of the points: a form over (x, s)."""
+    first = len(rows)
     yy: Entries = []
     sy: Entries = []
     ss: list[list[Number]] = [[_ZERO] * channels for _ in range(channels)]
@@ -178,15 +231,15 @@ def _lifted(ledger: Ledger, eta: Mapping[tuple[int, int], Fraction], rows: Matri
             sy.append((i - first, j, value))
         else:
             ss[i - first][j - first] = ss[j - first][i - first] = value
-    side = _times_rows(ledger, sy, channels)
-    return blocks([[rows.T * _times_rows(ledger, yy, first), side.T], [side, matrix(ss, channels)]])
+    side = _times_rows(rows, width, sy, channels)
+    head = _dense(rows, width).T * _times_rows(rows, width, yy, first)
+    return blocks([[head, side.T], [side, matrix(ss, channels)]])
 
 
 def _padded(part: Matrix, size: int) -> Matrix:
     """Return a leading block in a matrix of zeros."""
-    width = size - part.height
-    side = matrix([[0] * width for _ in range(part.height)], width)
-    return blocks([[part, side], [side.T, matrix([[0] * width for _ in range(width)], width)]])
+    side = _zeros(part.height, size - part.height)
+    return blocks([[part, side], [side.T, _zeros(side.width, side.width)]])
 
 
 def _bounds(ledger: Ledger, gamma: Matrix, size: int) -> Matrix:
@@ -201,16 +254,19 @@ def _bounds(ledger: Ledger, gamma: Matrix, size: int) -> Matrix:
                 for j, b in row.items():
                     known[i][j] -= deviation.s * a * b
     squares = diagonal([deviation.s for deviation in ledger.deviations for _ in deviation.columns])
-    corner = blocks([[matrix([[0] * own for _ in range(own)], own), matrix([[0] * ledger.inputs] * own, ledger.inputs)],
-                     [matrix([[0] * own] * ledger.inputs, own), gamma]]) + matrix(known, inside)  # fmt: skip
-    width = size - inside
-    return blocks([[corner, matrix([[0] * width] * inside, width)], [matrix([[0] * inside] * width, inside), squares]])
+    side = _zeros(own, ledger.inputs)
+    corner = blocks([[_zeros(own, own), side], [side.T, gamma]]) + matrix(known, inside)
+    side = _zeros(inside, squares.width)
+    return _padded(blocks([[corner, side], [side.T, squares]]), size)
 
 
-def _curvatures(ledger: Ledger) -> Entries:
-    """Return mu d of each density, at its point."""
-    densities = ((p, k, mu) for p, point in enumerate(ledger.points) for k, mu in point.densities)
-    return [(p, p, mu * _lower(ledger, p, k)[0]) for p, k, mu in densities]
+def _curvatures(ledger: Ledger) -> Iterator[Weighted]:
+    """Return the factors of mu d y^2, or mu d (l'Phi)^2, of each density."""
+    for p, point in enumerate(ledger.points):
+        curve = ledger.curves[point.curve]
+        for k, mu in point.densities:
+            row = _row_inside(ledger, p, k) if curve.is_square(k) else {p: Fraction(1)}
+            yield row, row, mu * _lower(ledger, p, k)[0] / 2
 
 
 def _lower(ledger: Ledger, p: int, k: int) -> tuple[Fraction, Fraction]:

@@ -25,6 +25,7 @@ def check_ledger(data: object, size: int, wanted: Meant | None) -> Accepted:
     ledger = read_ledger(data)
     require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
     width = ledger.entries + ledger.inputs + sum(len(deviation.columns) for deviation in ledger.deviations)
+    width += len(ledger.inside)
     if max(width, len(ledger.points)) * width > ENTRIES + 4 * size:
         raise NotProvedError("model", "its matrices are too large for a file of this length")
     with limited(min(STEPS + STEPS_OF_A_BYTE * size, MOST_STEPS)):

@@ -79,7 +79,8 @@ def read_ledger(data: object) -> Ledger:
     points = tuple(
         _point(f"points[{i}]", value, curves, model) for i, value in enumerate(_short("points", data["points"], 10000))
     )
-    diagonal, P = read_P(data["P"], n)
+    stored, inside = _inside(data["P"], len(model.channels))
+    diagonal, P = read_P(stored, n + len(inside))
     return Ledger(
         claim,
         sha256,
@@ -91,6 +92,7 @@ def read_ledger(data: object) -> Ledger:
         _facts(data["facts"], curves, points),
         diagonal,
         P,
+        inside,
         read_gamma(data["gamma"], v),
         tuple(_deviation(f"deviations[{j}]", value, n, entries + v) for j, value in _listed("deviations", data)),
         read_dropped(data["dropped"], entries),
@@ -107,6 +109,17 @@ def read_ledger(data: object) -> Ledger:
 
 def _listed(name: str, data: Mapping[str, object]) -> list[tuple[int, Any]]:
     return list(enumerate(read_list(name, data[name])))
+
+
+def _inside(stored: object, count: int) -> tuple[object, tuple[int, ...]]:
+    """Return P without its channels, and these."""
+    if not isinstance(stored, dict) or "channels" not in stored:
+        return stored, ()
+    listed = read_list("P.channels", stored["channels"])
+    inside = tuple(read_index(f"P.channels[{i}]", c, count) for i, c in enumerate(listed))
+    if not inside or any(a >= b for a, b in pairwise(inside)):
+        raise FormatError("P.channels", "channels rise, and there is one at least")
+    return read_object("P", {name: rows for name, rows in stored.items() if name != "channels"}, ("lower",)), inside
 
 
 def _short(where: str, value: object, longest: int) -> list[Any]:
@@ -241,9 +254,16 @@ def _point(where: str, value: object, curves: Sequence[Curve], model: Model) -> 
 
 
 def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
-    lists = read_object("facts", value, ("value", "one_signed", "difference", "constant"))
+    optional = ("slope",) if isinstance(value, dict) and "slope" in value else ()
+    lists = read_object("facts", value, ("value", "one_signed", "difference", "constant", *optional))
     found = []
-    for kind, width in (("value", 4), ("one_signed", 5), ("difference", 6), ("constant", 3)):
+    for kind, width in (
+        ("value", 4),
+        ("one_signed", 5),
+        ("difference", 6),
+        ("constant", 3),
+        *((s, 4) for s in optional),
+    ):
         for i, entry in enumerate(read_list(f"facts.{kind}", lists[kind])):
             where = f"facts.{kind}[{i}]"
             found.append(_fact(where, kind, read_list(where, entry, width), curves, points))

@@ -283,8 +283,13 @@ class Product:
             return False
 
 
-def discontinuous(functions: Functions, cuts: Cuts, ends: tuple[Fraction, Fraction] | None) -> str | None:
-    """Return where a function is not proved continuous, None where all are: on [cuts] and, without `ends`, on R."""
+def discontinuous(
+    functions: Functions, cuts: Cuts, ends: tuple[Fraction, Fraction] | None, *, lipschitz: bool = False
+) -> str | None:
+    """Return where a function is not proved continuous, None where all are: on [cuts] and, without `ends`, on R.
+
+    With `lipschitz`, where it is not proved locally Lipschitz: the derivative is enclosed, too.
+    """
     if ends is not None and not (cuts[0] <= ends[0] and ends[1] <= cuts[-1]):
         return "the cuts do not cover the domain"
     if ends is None and not cuts[0] < 0 < cuts[-1]:
@@ -292,21 +297,22 @@ def discontinuous(functions: Functions, cuts: Cuts, ends: tuple[Fraction, Fracti
     for program, alpha in functions:
         for a, b in pairwise(cuts):
             spend(len(program))
-            if not _runs(program, alpha, between(a, b)):
+            if not _runs(program, alpha, between(a, b), lipschitz):
                 return f"on the piece from {_shown(a)} to {_shown(b)}"
         for end, sign in () if ends is not None else ((cuts[0], -1), (cuts[-1], 1)):
             spend(EXPANSION * len(program))
-            if not _runs(program, alpha, variable(abs(end), sign, inverse=False)):
+            if not _runs(program, alpha, variable(abs(end), sign, inverse=False), lipschitz):
                 return f"beyond {_shown(end)}"
     return None
 
 
-def _runs(program: Program, alpha: Fraction, y: E) -> bool:
+def _runs(program: Program, alpha: Fraction, y: E, lipschitz: bool) -> bool:
+    scale = y.constant(alpha)
     try:
-        value(program, y.constant(alpha) * y)
+        slope = value_and_slope(program, scale * y, scale)[1] if lipschitz else value(program, scale * y)
     except UndefinedError:
         return False
-    return True
+    return not isinstance(slope, Interval) or bool(slope.lo.is_finite() and slope.hi.is_finite())
 
 
 def is_odd(functions: Functions) -> bool:

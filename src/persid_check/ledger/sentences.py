@@ -282,7 +282,10 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     counts = {kind: sum(1 for fact in ledger.facts if fact.kind == kind) for kind in _FACTS}
     lines += [f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]]
     densities = sum(len(point.densities) for point in ledger.points)
-    lines.append(f"4. V = x'P x + {counted(densities, 'integral')}; V >= x'Pt x, Pt assembled exactly.")
+    z = "z" if ledger.inside else "x"
+    lines.append(f"4. V = {z}'P {z} + {counted(densities, 'integral')}; V >= {z}'Pt {z}, Pt assembled exactly.")
+    if ledger.inside:
+        lines.append(f"4. z is x and {counted(len(ledger.inside), 'value')} of functions, each locally Lipschitz.")
     if ledger.dropped:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")
@@ -300,6 +303,7 @@ _FACTS = {
     "one_signed": "products of two one-signed forms",
     "difference": "products of two nondecreasing forms of a difference of two points",
     "constant": "products of two forms with a constant",
+    "slope": "products of two nondecreasing forms of a point's derivative along the solution",
 }
 _CONCLUSIONS = {
     "iss": "So V' <= -t |x|^2 + v'Gamma v + ...: V is an ISS-Lyapunov function.",

@@ -10,7 +10,7 @@ from persid_check.definite import Definite, proof_of
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.assembly import Assembly, assemble
-from persid_check.ledger.lemmas import Lemma, Product, discontinuous
+from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
 from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Map, Output, Point, Row
 from persid_check.results import NotProvedError
 from persid_check.work import spend
@@ -44,6 +44,7 @@ def prove(ledger: Ledger) -> Proved:
         _fact(ledger, fact, f"facts: the {i + 1}th, {fact.kind}")
     for p, point in enumerate(ledger.points):
         _densities(ledger, p, point)
+        _values(ledger, p, point)
     _domains(ledger)
     matrices = assemble(ledger)
     kept = _rows_kept(ledger, matrices)
@@ -84,6 +85,8 @@ def _discrete_numbers(ledger: Ledger) -> None:
         raise NotProvedError("dropped", "in discrete time no state is dropped")
     if any(mu for point in ledger.points for _, mu in point.densities):
         raise NotProvedError("points", "in discrete time V has no integrals: every density is 0")
+    if ledger.inside or any(fact.kind == "slope" for fact in ledger.facts):
+        raise NotProvedError("P", "in discrete time P is over the states, and no fact is about slopes")
 
 
 def _equilibrium(ledger: Ledger) -> None:
@@ -97,16 +100,22 @@ def _equilibrium(ledger: Ledger) -> None:
         raise NotProvedError("operating_point", "no proof that exactly one equilibrium lies in the ball")
 
 
+def _ends(curve: Curve) -> tuple[Fraction, Fraction] | None:
+    """Return the ends of all arguments that a curve is looked at; None for all of R."""
+    if curve.domain is None:
+        return None
+    middle, radius = curve.shift if isinstance(curve.shift, tuple) else (_ZERO, _ZERO)
+    return middle - radius + curve.domain[0], middle + radius + curve.domain[1]
+
+
 def _curve(where: str, curve: Curve) -> None:
     """Every function is continuous, and each form is what the file says, on the domain, for every possible centre."""
-    domain, centre = curve.domain, None if isinstance(curve.shift, str) else curve.shift
+    domain = curve.domain
     if domain is not None and not domain[0] < 0 < domain[1]:
         raise NotProvedError(f"{where}.domain", "0 must lie inside")
     if curve.shift == "any" and domain is not None:
         raise NotProvedError(f"{where}.domain", "with any centre it is all of R")
-    middle, radius = centre or (_ZERO, _ZERO)
-    ends = None if domain is None else (middle - radius + domain[0], middle + radius + domain[1])
-    if reason := discontinuous(curve.functions, curve.continuous, ends):
+    if reason := discontinuous(curve.functions, curve.continuous, _ends(curve)):
         raise NotProvedError(f"{where}.continuous", f"no proof that the functions are continuous: {reason}")
     for k in range(len(curve.forms)):
         _form(f"{where}.forms[{k}]", curve, k)
@@ -136,8 +145,10 @@ def _form(where: str, curve: Curve, k: int) -> None:
     if form.lower is not None:
         d, j = form.lower
         other = curve.forms[j]
-        if (form.l[0] - d, *form.l[1:]) != other.l or not (curve.is_sector(j) or other.kind == "offset"):
-            raise NotProvedError(f"{where}.lower", "form j must be l - d e_0, a sector form or one with an offset")
+        beside = (form.l[0] - d, *form.l[1:]) == other.l and (curve.is_sector(j) or other.kind == "offset")
+        if not (beside or (curve.is_square(k) and other.kind in RISING and curve.is_sector(k))):
+            message = "form j must be l - d e_0, a sector form or one with an offset, or e_0 - d l, nondecreasing"
+            raise NotProvedError(f"{where}.lower", message)
 
 
 def _lemma(curve: Curve, form: Form, kind: str, **numbers: Fraction) -> Lemma:
@@ -207,6 +218,8 @@ def _fact(ledger: Ledger, fact: Fact, where: str) -> None:
         raise NotProvedError(where, "both forms must be sector forms")
     if fact.kind == "one_signed" and not all(form.kind == "one-signed" for form in forms):
         raise NotProvedError(where, "both forms must be one-signed")
+    if fact.kind == "slope" and not all(form.kind in RISING for form in forms):
+        raise NotProvedError(where, "both forms must be nondecreasing")
     if fact.kind == "difference":
         if points[0].curve != points[1].curve or not all(form.kind in RISING for form in forms):
             raise NotProvedError(where, "two points of one curve and nondecreasing forms are needed")
@@ -237,6 +250,18 @@ def _densities(ledger: Ledger, p: int, point: Point) -> None:
             raise NotProvedError(where, "offsets belong to claim practical")
 
 
+def _values(ledger: Ledger, p: int, point: Point) -> None:
+    """Channels whose values P reads are locally Lipschitz, so that they have a derivative, and vanish at x*."""
+    curve = ledger.curves[point.curve]
+    for c, function in zip(point.channels, curve.functions, strict=True):
+        if c in ledger.inside_at:
+            where = f"P.channels, channel {c}"
+            if reason := discontinuous((function,), curve.continuous, _ends(curve), lipschitz=True):
+                raise NotProvedError(where, f"no proof that it is locally Lipschitz: {reason}")
+            if ledger.claim != "practical" and curve.shift is None and not vanishes((function,), (_ZERO, _ONE)):
+                raise NotProvedError(where, "it is not 0 at the operating point")
+
+
 def _domains(ledger: Ledger) -> None:
     if ledger.claim != "region" and any(ledger.curves[point.curve].domain for point in ledger.points):
         raise NotProvedError("curves", "only claim region has functions on a domain")
@@ -256,12 +281,15 @@ def _lyapunov(ledger: Ledger, matrices: Assembly, kept: tuple[int, ...]) -> None
     """Pt - p I > 0; where states are dropped, P > 0 on the others, and they span with growing forms of V."""
     n = ledger.model.n
     states = [i for i in kept if i < n]
+    if len(states) < n and ledger.inside:
+        raise NotProvedError("dropped", "where states are dropped P is over the states alone")
     if len(states) < n:
         _spanning(ledger, states, matrices.P)
     elif ledger.spanning:
         raise NotProvedError("spanning", "no state is dropped")
-    lower = matrices.Pt + diagonal([-ledger.p] * n)
-    if proof_of(lower.kept(states, states), ledger.proof["P"]) is None:
+    values = list(range(n, matrices.Pt.height))
+    lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
+    if proof_of(lower.kept(*[states + values] * 2), ledger.proof["P"]) is None:
         raise NotProvedError("proof.P", "the lower bound of V is not proved positive definite")
 
 
@@ -388,7 +416,9 @@ def _used(ledger: Ledger) -> list[tuple[Curve, Form]]:
 
 
 def _only_values(ledger: Ledger) -> bool:
-    return not ledger.deviations and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
+    return (
+        not ledger.deviations and not ledger.inside and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
+    )
 
 
 def has_feedback(ledger: Ledger) -> bool:

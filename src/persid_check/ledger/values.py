@@ -68,6 +68,14 @@ class Curve:
         """Whether every function is odd by its form."""
         return is_odd(self.functions)
 
+    def is_square(self, k: int) -> bool:
+        """Whether the bound of form k from below is one by its own square, (d/2) g^2: form j is e_0 - d l."""
+        form = self.forms[k]
+        if form.lower is None:
+            return False
+        d, j = form.lower
+        return self.forms[j].l == (1 - d * form.l[0], *(-d * value for value in form.l[1:]))
+
     def is_sector(self, k: int) -> bool:
         """Whether form k is a sector form: as it says, or because it does not fall and rests at 0."""
         kind = self.forms[k].kind
@@ -89,6 +97,7 @@ class Fact:
     """A multiple of the product of form k at point p and form l at point q.
 
     sign 0: (l_k'Phi_p)(l_l'Phi_q); sign +1 or -1: both forms of Phi_p + sign Phi_q. `constant`: products[k] of p.
+    `slope`: both forms of the derivative of Phi_p along the solution.
     """
 
     kind: str
@@ -145,7 +154,10 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Ledger:
-    """A certificate of format 2. `P` and `gamma` are lower rows; P has one entry a row where it is diagonal."""
+    """A certificate of format 2. `P` and `gamma` are lower rows; P has one entry a row where it is diagonal.
+
+    P is over the states and the values of `inside`, channels.
+    """
 
     claim: str
     sha256: str
@@ -157,6 +169,7 @@ class Ledger:
     facts: tuple[Fact, ...]
     diagonal: bool
     P: Lower
+    inside: tuple[int, ...]
     gamma: Fraction | Lower
     deviations: tuple[Deviation, ...]
     dropped: tuple[int, ...]
@@ -168,6 +181,11 @@ class Ledger:
     input_bound: Fraction
     outputs: Outputs | None
     proof: Mapping[str, Factor]
+
+    @cached_property
+    def inside_at(self) -> Mapping[int, int]:
+        """The place of each channel among those whose values P reads."""
+        return {c: i for i, c in enumerate(self.inside)}
 
     @property
     def counts_b(self) -> bool:
