@@ -69,7 +69,7 @@ def _proved(content: object, size: int, wanted: Meant | None, folder: Path | Non
     stated: Mapping[str, Any] = content if isinstance(content, dict) else {}
     claim = stated.get("claim")
     if stated.get("format") == ledger.FORMAT:
-        return check_ledger(stated, size, wanted)
+        return check_ledger(stated, size, wanted, folder, arrays)
     if claim in ("L1", "L1-infeasible"):
         from persid_check.networks.check import check_network
 

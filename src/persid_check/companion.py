@@ -24,7 +24,7 @@ _PREFIX = b"\x93NUMPY\x01\x00"
 Arrays = Mapping[str, "ndarray"]
 
 
-def load(entry: object, where: str, folder: Path | None, data: bytes | None = None) -> Arrays:
+def load(entry: object, where: str, folder: Path | None, data: bytes | None = None, longest: int = MAX_BYTES) -> Arrays:
     """Return the arrays of a companion {"npz": name, "sha256": digits}, from a folder or from its bytes.
 
     Raises:
@@ -34,22 +34,22 @@ def load(entry: object, where: str, folder: Path | None, data: bytes | None = No
         raise FormatError(where, "a file name (npz) and its SHA-256 are needed")
     if not NAME.fullmatch(entry["npz"]):
         raise FormatError(where, "a plain file name that ends in .npz is needed, without folders")
-    data = _bytes(where, folder, entry["npz"]) if data is None else data
+    data = _bytes(where, folder, entry["npz"], longest) if data is None else data
+    if len(data) > longest:
+        raise FormatError(where, f"{entry['npz']} has more than {longest} bytes")
     if hashlib.sha256(data).hexdigest() != entry["sha256"]:
         raise FormatError(where, f"{entry['npz']} has another SHA-256 than the one given")
     return read(data, where)
 
 
-def _bytes(where: str, folder: Path | None, name: str) -> bytes:
+def _bytes(where: str, folder: Path | None, name: str, longest: int) -> bytes:
     if folder is None:
         raise FormatError(where, f"{name} is needed; check the file by its path, or give the companion's bytes")
     try:
         with (folder / name).open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(longest + 1)
     except OSError as error:
         raise FormatError(where, f"{name} cannot be read: {error.strerror}") from None
-    if len(data) > MAX_BYTES:
-        raise FormatError(where, f"{name} has more than {MAX_BYTES} bytes")
     return data
 
 

@@ -1,21 +1,43 @@
-"""Positive definite, exactly: C = T M T' strictly diagonally dominant; and bounds of r'M^-1 r from the same C.
+"""Positive definite, exactly: by a factor T, C = T M T' dominant, or by a root L, M less L L' dominant.
 
-Section 6 of the specification. T is untrusted: lower triangular rows of integers. As C > 0, T is nonsingular, and
-M = T^-1 C T^-T > 0.
+Section 6 of the specification. T and L are untrusted: lower triangular rows of integers. With T: C > 0 by Gershgorin,
+so T is nonsingular, and M = T^-1 C T^-T > 0; C bounds r'M^-1 r, too. With L: M is L L' >= 0 and what is > 0.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-
-from flint import fmpz_mat
+from typing import TYPE_CHECKING
 
 from persid_check.exact import Matrix, Number, matrix
 from persid_check.work import spend
 
+if TYPE_CHECKING:
+    from persid_check.digits import Digits
+
 Factor = Sequence[Sequence[int]]
 BITS = 192  # of a summand of a bound
 _ZERO = Fraction(0)
+
+
+@dataclass(frozen=True)
+class Root:
+    """L and the scaling of M: 2**bits H M H - L L', H = diag(2**shift_i), is strictly diagonally dominant.
+
+    L is given by its rows, or whole, as it was read from a companion.
+    """
+
+    shifts: tuple[int, ...]
+    bits: int
+    L: "Factor | Digits"
+
+    @property
+    def matrix(self) -> Matrix | None:
+        """L as a square matrix; None where the rows are not those of one."""
+        size = len(self.shifts)
+        if not isinstance(self.L, Sequence):
+            return Matrix(self.L, 0) if self.L.shape == (size, size) else None
+        return lower_triangular(self.L) if _is_lower(self.L, size) else None
 
 
 @dataclass(frozen=True)
@@ -30,7 +52,7 @@ class Definite:
         size = len(self.gaps)
         spend(len(rows) * size)
         R = matrix([[row.get(j, _ZERO) for j in range(size)] for row in rows], size)
-        products = R * Matrix(lower_triangular(self.factor).transpose(), 0)
+        products = R * lower_triangular(self.factor).T
         return [
             sum((_quotient_up(products.entry(i, j), gap) for j, gap in enumerate(self.gaps)), _ZERO)
             for i in range(len(rows))
@@ -45,41 +67,59 @@ def _quotient_up(entry: Fraction, gap: Fraction) -> Fraction:
     return Fraction(lifted) / Fraction(2) ** shift
 
 
-def lower_triangular(T: Factor) -> fmpz_mat:
+def lower_triangular(T: Factor) -> Matrix:
     """Return the square matrix of lower rows."""
     size = len(T)
-    return fmpz_mat(size, size, [v for i, row in enumerate(T) for v in (*row, *(0,) * (size - 1 - i))])
+    return matrix([[*row, *(0,) * (size - 1 - i)] for i, row in enumerate(T)], size)
+
+
+def _is_lower(T: Factor, size: int) -> bool:
+    return len(T) == size and all(len(row) == i + 1 for i, row in enumerate(T))
 
 
 def proof_of(M: Matrix, T: Factor) -> Definite | None:
     """Return the proof that M > 0, None where T does not give one."""
     size = M.height
-    if M.width != size or len(T) != size or any(len(row) != i + 1 for i, row in enumerate(T)):
+    if M.width != size or not _is_lower(T, size):
         return None
     if M.entries != M.entries.transpose():
         return None
     if not size:
         return Definite((), ())
-    factor = Matrix(lower_triangular(T), 0)
+    factor = lower_triangular(T)
     C = factor * M * factor.T
-    rows = C.entries.table()
-    heads = [int(rows[i][i]) for i in range(size)]
+    heads = [int(C.entries[i, i]) for i in range(size)]
     if any(head <= 0 for head in heads):
         return None
     halves = [
         (head.bit_length() - C.exponent) // 2 for head in heads
     ]  # D = diag(2**-half): D C D has a diagonal near 1
-    least = min(halves)
-    halves = [half - least for half in halves]  # a common factor of D changes nothing
     top = max(halves)
-    sizes = fmpz_mat(size, size, [abs(value) for row in rows for value in row])
-    sums = (sizes * fmpz_mat(size, 1, [1 << (top - half) for half in halves])).table()
-    gaps = [(2 * heads[i] << top) - (int(sums[i][0]) << halves[i]) for i in range(size)]
+    gaps = C.gaps([top - half for half in halves])  # those of D C D, 2**top / D_i times as large
     if any(gap <= 0 for gap in gaps):
         return None
-    return Definite(T, tuple(Fraction(gap, 1 << (top + C.exponent)) for gap in gaps))
+    scales = [1 << (top - half) for half in halves]
+    return Definite(T, tuple(Fraction(gap, scale << C.exponent) for gap, scale in zip(gaps, scales, strict=True)))
 
 
-def is_positive_definite(M: Matrix | Sequence[Sequence[Number]], T: Factor) -> bool:
-    """Prove M > 0 exactly with an untrusted lower triangular integer T, whose row i has i + 1 entries."""
-    return proof_of(M if isinstance(M, Matrix) else matrix(M, len(M)), T) is not None
+def has_root(M: Matrix, root: Root) -> bool:
+    """Prove M > 0: 2**bits H M H = L L' + F with F strictly diagonally dominant, so F > 0, and L L' >= 0."""
+    size, L = M.height, root.matrix
+    if M.width != size or len(root.shifts) != size or L is None or M.entries != M.entries.transpose():
+        return False
+    if not size:
+        return True
+    least = min(root.shifts)
+    scaled = M.scaled([shift - least for shift in root.shifts])
+    lifted = Matrix(scaled.entries, scaled.exponent - root.bits - 2 * least)
+    return all(gap > 0 for gap in (lifted + -L.squared()).gaps([0] * size))
+
+
+def proves(proof: Factor | Root, M: Matrix) -> bool:
+    """Prove M > 0 exactly with an untrusted factor or root."""
+    return has_root(M, proof) if isinstance(proof, Root) else proof_of(M, proof) is not None
+
+
+def is_positive_definite(M: Matrix | Sequence[Sequence[Number]], T: Factor | Root) -> bool:
+    """Prove M > 0 exactly with an untrusted lower triangular integer T, whose row i has i + 1 entries, or a root."""
+    return proves(T, M if isinstance(M, Matrix) else matrix(M, len(M)))

@@ -6,16 +6,22 @@ A number is an integer or a dyadic [mantissa, exponent]. Nothing is expanded: wh
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from persid_check.definite import Root
 from persid_check.model import Model, canonical_model, model_of
 from persid_check.results import FormatError
+
+if TYPE_CHECKING:
+    from persid_check.companion import Arrays
+    from persid_check.digits import Digits
 
 MAX_BITS = 2048  # of a mantissa
 MAX_EXPONENT = 2000
 MAX_FORMS = 128  # of a curve, a group or a kind
 MAX_ENTRIES = 2500  # of states and channels
-MAX_FACTOR_BITS = 512  # of an entry of T
+MAX_FACTOR_BITS = 512  # of an entry of T or L
+MAX_SHIFT = 2000  # of a row of a matrix whose root is given
 
 Factor = tuple[tuple[int, ...], ...]
 Lower = tuple[tuple[Fraction, ...], ...]  # lower rows of a symmetric matrix
@@ -136,6 +142,35 @@ def read_integers(where: str, values: object, size: int) -> tuple[int, ...]:
 def read_factor(where: str, value: object) -> Factor:
     """Return a square lower triangular matrix of integers, by its rows."""
     return tuple(read_integers(f"{where}[{i}]", row, i + 1) for i, row in enumerate(read_list(where, value)))
+
+
+def read_root(where: str, value: object, arrays: "Arrays") -> Root:
+    """Return a root: its L by rows, or the name of an array of all its rows in a companion."""
+    root = read_object(where, value, ("shifts", "bits", "L"))
+    listed = enumerate(read_list(f"{where}.shifts", root["shifts"]))
+    shifts = tuple(_shift(f"{where}.shifts[{i}]", shift) for i, shift in listed)
+    L = root["L"]
+    rows = read_lower_array(f"{where}.L", L, arrays, len(shifts)) if isinstance(L, str) else read_factor(where, L)
+    return Root(shifts, _shift(f"{where}.bits", root["bits"]), rows)
+
+
+def _shift(where: str, value: object) -> int:
+    shift = read_integer(where, value, 64)
+    if abs(shift) > MAX_SHIFT:
+        raise FormatError(where, f"an integer of at most {MAX_SHIFT} in size is needed")
+    return shift
+
+
+def read_lower_array(where: str, name: str, arrays: "Arrays", size: int) -> "Digits":
+    """Return the lower triangular matrix whose rows are one array of a companion: 1 integer, 2 integers, and so on."""
+    from persid_check.digits import Digits
+
+    if name not in arrays:
+        raise FormatError(where, f"the companion has no array {name[:60]!r}")
+    found = arrays[name]
+    if found.dtype != "<i8" or len(found) != size * (size + 1) // 2:
+        raise FormatError(where, f"an array of {size * (size + 1) // 2} integers (<i8) is needed")
+    return Digits.of_lower(size, found)
 
 
 def read_ball(where: str, value: object, model: Model, u: tuple[Fraction, ...] | None = None) -> Ball:

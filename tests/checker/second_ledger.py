@@ -122,8 +122,26 @@ def _step(M: list[Row], P: list[Row], G: list[Row]) -> None:
                         M[a][b] -= P[i][j] * G[i][a] * G[j][b]
 
 
-def _dominated(A: list[Row], T: list[list[int]]) -> None:
+def _rooted(A: list[Row], root: dict[str, Any]) -> None:
+    """Section 6, by a root: 2^b D A D - L L' is strictly diagonally dominant."""
+    size, (h, b, L) = len(A), (root["shifts"], root["bits"], root["L"])
+    if isinstance(L, str):
+        raise UnsupportedError
+    _require(len(h) == len(L) == size and all(len(row) == i + 1 for i, row in enumerate(L)), "root")
+    two = Fraction(2)
+    for i in range(size):
+        row = []
+        for j in range(size):
+            squares = sum((x * y for x, y in zip(L[i], L[j], strict=False)), 0)
+            row.append(two**b * two ** (h[i] + h[j]) * A[i][j] - squares)
+        _require(row[i] > sum((abs(v) for j, v in enumerate(row) if j != i), _ZERO), "dominance")
+
+
+def _dominated(A: list[Row], T: Any) -> None:
     """Section 6, with its powers of two; and Gauss's pivots."""
+    if isinstance(T, dict):
+        _rooted(A, T)
+        return
     size = len(A)
     _require(len(T) == size and all(len(row) == i + 1 for i, row in enumerate(T)), "T")
     full = [[Fraction(v) for v in row] + [_ZERO] * (size - len(row)) for row in T]

@@ -13,6 +13,9 @@ from persid.errors import RoundingError
 from persid.models.model import PersidskiiModel
 
 FORMAT = "persid-certificate-1"
+MARGIN = 8.0  # by which what is subtracted for a root's sake exceeds what rounding it adds to a row
+LONGEST = 50  # bits of a root's entries
+POWERS = 30
 
 
 def heading(model: PersidskiiModel, claim: str, statement: str) -> Json:
@@ -37,21 +40,55 @@ def factor(M: Float[ndarray, "k k"], accuracy: float = 10.0) -> list[list[int]]:
     size = len(M)
     if not size:
         return []
-    diagonal = np.diag(M)
-    if not (np.isfinite(M).all() and (diagonal > 0).all()):
-        raise RoundingError("a matrix of the proof has no positive diagonal")
-    exponents = -np.round(np.log2(diagonal) / 2).astype(int)
-    scaled = np.ldexp(np.ldexp(M, exponents), exponents[:, None])
-    try:
-        L = np.linalg.cholesky(scaled)
-    except np.linalg.LinAlgError:
-        raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
+    exponents, scaled = _scaled(M)
+    L = _cholesky(scaled)
     T: Any = sla.lapack.dtrtri(L, lower=1)[0]
     condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
     bits = int(np.clip(np.ceil(np.log2(accuracy * size * condition)), 12, 50))
     shifts = [int(e) for e in exponents - exponents.min()]
     entries = np.round(np.ldexp(T, bits)).tolist()
     return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]
+
+
+def root(M: Float[ndarray, "k k"]) -> Json:
+    """Return an integer root of M: 2**bits H M H - L L', H = diag(2**shift), is nearly a positive multiple of 1.
+
+    It is the untrusted half of a proof that takes one product of short numbers, for large matrices.
+
+    Raises:
+        RoundingError: M is not positive definite in floating point.
+    """
+    shifts, scaled = _scaled(M)
+    least = _least_eigenvalue(scaled)
+    bits = int(np.ceil(np.log2(MARGIN * len(M) / least)))
+    if bits > LONGEST:
+        raise RoundingError("a matrix of the proof is too nearly singular to be proved positive definite")
+    L = np.rint(np.ldexp(_cholesky(scaled - least / 2 * np.eye(len(M))), bits)).astype(np.int64)
+    return {"shifts": shifts.tolist(), "bits": 2 * bits, "L": [row[: i + 1].tolist() for i, row in enumerate(L)]}
+
+
+def _scaled(M: Float[ndarray, "k k"]) -> tuple[ndarray, ndarray]:
+    """Return integers s and the matrix 2**(s_i + s_j) M_ij, whose diagonal is near 1."""
+    diagonal = np.diag(M)
+    if not (np.isfinite(M).all() and (diagonal > 0).all()):
+        raise RoundingError("a matrix of the proof has no positive diagonal")
+    shifts = -np.round(np.log2(diagonal) / 2).astype(int)
+    return shifts, np.ldexp(np.ldexp(M, shifts), shifts[:, None])
+
+
+def _cholesky(M: Float[ndarray, "k k"]) -> Float[ndarray, "k k"]:
+    try:
+        return np.linalg.cholesky(M)
+    except np.linalg.LinAlgError:
+        raise RoundingError("a matrix of the proof is not positive definite in floating point") from None
+
+
+def _least_eigenvalue(M: Float[ndarray, "k k"]) -> float:
+    """Return about the least eigenvalue, not much less, by powers of the inverse."""
+    L, vector = _cholesky(M), np.random.default_rng(0).normal(size=len(M))
+    for _ in range(POWERS):
+        vector = sla.cho_solve((L, True), vector / np.linalg.norm(vector), check_finite=False)
+    return float(0.9 / np.linalg.norm(vector))
 
 
 def encode(content: Json) -> bytes:

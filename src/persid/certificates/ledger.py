@@ -10,10 +10,10 @@ import numpy as np
 
 from persid._dyadics import exact, is_dyadic
 from persid._files import Json
-from persid.certificates.encoding import factor
+from persid.certificates.encoding import factor, root
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import RoundingError
-from persid_check.exact import Matrix, diagonal
+from persid_check.exact import Matrix, diagonal, is_large
 from persid_check.expression import parse
 from persid_check.ledger import FORMAT
 from persid_check.ledger.assembly import assemble
@@ -226,16 +226,23 @@ def with_proof(draft: Json) -> Json:
     lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
     bounding = ledger.claim == "region" or ledger.outputs is not None
     proof = {
-        "P": factor(floats(lower.kept(*[states + values] * 2))),
-        "M": factor(floats(matrices.M.kept(kept, kept))),
+        "P": shortest(floats(lower.kept(*[states + values] * 2))),
+        "M": shortest(floats(matrices.M.kept(kept, kept))),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
     return draft | {"proof": proof}
 
 
+def shortest(M: np.ndarray) -> list[list[int]] | Json:
+    """Return what proves a matrix positive definite: a factor of a small one, a root of a large one."""
+    return root(M) if is_large(*M.shape) else factor(M)
+
+
 def floats(M: Matrix) -> np.ndarray:
     """Return an exact matrix in floating point."""
-    rows = [[float(Fraction(int(v), 1 << M.exponent)) for v in line] for line in M.entries.table()]
+    if is_large(*M.shape):
+        return M.digits.floats(M.exponent)
+    rows = [[float(Fraction(int(v), 1 << M.exponent)) for v in line] for line in M.flint.table()]
     return np.array(rows, float).reshape(M.height, M.width)
 
 

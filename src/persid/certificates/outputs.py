@@ -10,7 +10,7 @@ from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import ModelError, RoundingError
 from persid.lyapunov.sectors import steepest
 from persid.models.outputs import OutputModel
-from persid_check.definite import proof_of
+from persid_check.definite import Root, proof_of
 from persid_check.expression import parse
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
@@ -44,7 +44,8 @@ def with_constants(content: Json) -> Json:
     ledger = read_ledger(content)
     if ledger.outputs is None:
         return content
-    bounding = proof_of(assemble(ledger).Pt, ledger.proof["V"])
+    factor = ledger.proof["V"]
+    bounding = None if isinstance(factor, Root) else proof_of(assemble(ledger).Pt, factor)
     if bounding is None:
         raise RoundingError("the lower bound of V is not proved positive definite")
     found = bounding.bounds([output.row for output in ledger.outputs.listed])

@@ -8,11 +8,8 @@ the solution, with y_p' = r_p'G zeta. Sections 3 to 5 of the specification.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
-from flint import fmpz_mat
-
-from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
+from persid_check.exact import Matrix, Number, blocks, diagonal, matrix, scattered, zeros
 from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.reading import Lower
 from persid_check.results import NotProvedError
@@ -45,7 +42,7 @@ def assemble(ledger: Ledger) -> Assembly:
     z = [*range(n), *(n + c for c in ledger.inside)]  # where the entries of z stand in (x, s)
     rise = _step_rise(P, flow, size) if ledger.model.is_discrete else _rise(_gradient(ledger, P, rows, z), ledger, flow)
     products = _lifted(_over_eta(_weighted(ledger)), rows, n, channels)
-    share = _at(_at(-diagonal([ledger.kappa] * P.height) * P, z, size).T, z, size)
+    share = (-diagonal([ledger.kappa] * P.height) * P).placed(z, size).T.placed(z, size)
     loss = -rise + _padded(-products, size) + share + _bounds(ledger, gamma, size)
     if slopes := _over_eta(_weighted_slopes(ledger)):
         loss = loss + -_lifted(slopes, _rows_along(ledger, flow), flow.width, len(ledger.inside))
@@ -53,25 +50,13 @@ def assemble(ledger: Ledger) -> Assembly:
     return Assembly(loss, P, Pt, gamma, *_offsets(ledger))
 
 
-def _at(part: Matrix, places: Sequence[int], height: int) -> Matrix:
-    """Return the rows of a matrix at some places of a higher one, which is 0 elsewhere."""
-    lines: list[list[Any]] = [[0] * part.width] * height
-    for place, line in zip(places, part.entries.table(), strict=True):
-        lines[place] = line
-    return Matrix(fmpz_mat(height, part.width, [value for line in lines for value in line]), part.exponent)
-
-
 def _rise(gradient: Matrix, ledger: Ledger, flow: Matrix) -> Matrix:
     """Return the form V' = 2 (x, s)'gradient (G zeta, sigma); `gradient` is (x, s) by z."""
     n, k = ledger.model.n, len(ledger.inside)
     size = flow.width + k
-    half = gradient * blocks([[flow, _zeros(n, k)], [_zeros(k, flow.width), diagonal([1] * k)]])
-    half = blocks([[half], [_zeros(size - half.height, size)]])
+    half = gradient * blocks([[flow, zeros(n, k)], [zeros(k, flow.width), diagonal([1] * k)]])
+    half = blocks([[half], [zeros(size - half.height, size)]])
     return half + half.T
-
-
-def _zeros(height: int, width: int) -> Matrix:
-    return matrix([[0] * width for _ in range(height)], width)
 
 
 def _step_rise(P: Matrix, flow: Matrix, size: int) -> Matrix:
@@ -122,21 +107,21 @@ def _gradient(ledger: Ledger, P: Matrix, rows: Sequence[Row], z: Sequence[int]) 
     n = ledger.model.n
     top = _dense(rows, n).T * _times_rows(rows, n, heads, first)
     own = blocks([[top], [_times_rows(rows, n, sides, len(ledger.model.channels))]])
-    return _at(P, z, own.height) + blocks([[own, _zeros(own.height, len(ledger.inside))]])
+    return P.placed(z, own.height) + blocks([[own, zeros(own.height, len(ledger.inside))]])
 
 
 def _dense(rows: Sequence[Row], width: int) -> Matrix:
-    return matrix([[row.get(i, _ZERO) for i in range(width)] for row in rows], width)
+    return scattered(len(rows), width, [(p, i, value) for p, row in enumerate(rows) for i, value in row.items()])
 
 
 def _times_rows(rows: Sequence[Row], width: int, entries: Entries, height: int) -> Matrix:
     """Return H R for a sparse H of entries (i, p, value), R the rows of points: line i is the sum of value r_p'."""
-    lines: list[list[Number]] = [[_ZERO] * width for _ in range(height)]
+    total: dict[tuple[int, int], Fraction] = {}
     for i, p, value in entries:
         spend(len(rows[p]))
         for k, r in rows[p].items():
-            lines[i][k] += value * r
-    return matrix(lines, width)
+            total[i, k] = total.get((i, k), _ZERO) + value * r
+    return scattered(height, width, [(*place, value) for place, value in total.items()])
 
 
 def _rows_along(ledger: Ledger, flow: Matrix) -> list[Row]:
@@ -223,40 +208,42 @@ def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width:
     first = len(rows)
     yy: Entries = []
     sy: Entries = []
-    ss: list[list[Number]] = [[_ZERO] * channels for _ in range(channels)]
+    ss: Entries = []
     for (i, j), value in eta.items():
         if i < first:
             yy += [(i, j, value)] if i == j else [(i, j, value), (j, i, value)]
         elif j < first:
             sy.append((i - first, j, value))
         else:
-            ss[i - first][j - first] = ss[j - first][i - first] = value
+            i, j = i - first, j - first
+            ss += [(i, j, value)] if i == j else [(i, j, value), (j, i, value)]
     side = _times_rows(rows, width, sy, channels)
     head = _dense(rows, width).T * _times_rows(rows, width, yy, first)
-    return blocks([[head, side.T], [side, matrix(ss, channels)]])
+    return blocks([[head, side.T], [side, scattered(channels, channels, ss)]])
 
 
 def _padded(part: Matrix, size: int) -> Matrix:
     """Return a leading block in a matrix of zeros."""
-    side = _zeros(part.height, size - part.height)
-    return blocks([[part, side], [side.T, _zeros(side.width, side.width)]])
+    side = zeros(part.height, size - part.height)
+    return blocks([[part, side], [side.T, zeros(side.width, side.width)]])
 
 
 def _bounds(ledger: Ledger, gamma: Matrix, size: int) -> Matrix:
     """Return the form v'Gamma v + sum s_j (|w_j|^2 - |C_j zeta_0|^2)."""
     own = ledger.entries
     inside = own + ledger.inputs
-    known: list[list[Number]] = [[_ZERO] * inside for _ in range(inside)]
+    known: dict[tuple[int, int], Fraction] = {}
     for deviation in ledger.deviations:
         for row in deviation.C:
             spend(len(row) ** 2)
             for i, a in row.items():
                 for j, b in row.items():
-                    known[i][j] -= deviation.s * a * b
+                    known[i, j] = known.get((i, j), _ZERO) - deviation.s * a * b
+    lines = [(*place, value) for place, value in known.items()]
     squares = diagonal([deviation.s for deviation in ledger.deviations for _ in deviation.columns])
-    side = _zeros(own, ledger.inputs)
-    corner = blocks([[_zeros(own, own), side], [side.T, gamma]]) + matrix(known, inside)
-    side = _zeros(inside, squares.width)
+    side = zeros(own, ledger.inputs)
+    corner = blocks([[zeros(own, own), side], [side.T, gamma]]) + scattered(inside, inside, lines)
+    side = zeros(inside, squares.width)
     return _padded(blocks([[corner, side], [side.T, squares]]), size)
 
 

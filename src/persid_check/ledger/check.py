@@ -1,32 +1,48 @@
 """One certificate of format 2, one answer."""
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from persid_check.identity import Meant, require_same
 from persid_check.ledger import MAX_BYTES
-from persid_check.ledger.file import read_ledger
+from persid_check.ledger.file import COMPANION, read_ledger
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import has_feedback, prove
+from persid_check.reading import read_object
 from persid_check.results import Accepted, FormatError, NotProvedError
 from persid_check.work import limited
+
+if TYPE_CHECKING:
+    from persid_check.companion import Arrays
 
 STEPS = 10**5  # that the proofs of a file may take, and more for each byte
 STEPS_OF_A_BYTE = 16
 MOST_STEPS = 4 * 10**6
+LONGEST = 2**28  # bytes of a companion
 ENTRIES = 10**6  # of a matrix, and more for each byte
 
 
-def check_ledger(data: object, size: int, wanted: Meant | None) -> Accepted:
-    """Return what is proved by a file of `size` bytes, or raise.
+def check_ledger(
+    data: Mapping[str, object],
+    size: int,
+    wanted: Meant | None,
+    folder: Path | None = None,
+    content: bytes | None = None,
+) -> Accepted:
+    """Return what is proved by a file of `size` bytes with its companion, in a folder or given, or raise.
 
     Raises:
         FormatError, NotProvedError: it is malformed, or not proved, or not about the model that is meant.
     """
     if size > MAX_BYTES:
         raise FormatError("file", f"more than {MAX_BYTES} bytes")
-    ledger = read_ledger(data)
+    arrays = gathered(data, folder, content)
+    ledger = read_ledger(data, arrays)
     require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
     width = ledger.entries + ledger.inputs + sum(len(deviation.columns) for deviation in ledger.deviations)
     width += len(ledger.inside)
-    if max(width, len(ledger.points)) * width > ENTRIES + 4 * size:
+    if max(width, len(ledger.points)) * width > ENTRIES + 4 * (size + sum(array.nbytes for array in arrays.values())):
         raise NotProvedError("model", "its matrices are too large for a file of this length")
     with limited(min(STEPS + STEPS_OF_A_BYTE * size, MOST_STEPS)):
         proved = prove(ledger)
@@ -37,3 +53,20 @@ def check_ledger(data: object, size: int, wanted: Meant | None) -> Accepted:
     }
     names = tuple(name for name, holds in further.items() if holds)
     return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), names)
+
+
+def gathered(data: Mapping[str, object], folder: Path | None, content: bytes | None) -> "Arrays":
+    """Return the arrays of the companion that a file names, none where it names none.
+
+    Raises:
+        FormatError: the companion is not as specified, or NumPy, which reads it, is not at hand.
+    """
+    if data.get(COMPANION) is None:
+        return {}
+    entry = read_object(COMPANION, data[COMPANION], ("npz", "sha256"))
+    try:
+        from persid_check.companion import load
+
+        return load(entry, COMPANION, folder, content, LONGEST)
+    except ImportError:
+        raise FormatError(COMPANION, "NumPy is needed to read it: pip install numpy") from None

@@ -6,8 +6,9 @@ Section 8 of the specification (docs/ledger.md). Nothing is expanded: what is re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from persid_check.definite import Root
 from persid_check.expression import MAX_LENGTH_WITH_TABLES, ExpressionError, Program, parse
 from persid_check.ledger import FORMAT
 from persid_check.ledger.lemmas import Cuts, positions
@@ -46,10 +47,15 @@ from persid_check.reading import (
     read_nonnegative,
     read_object,
     read_P,
+    read_root,
     read_text,
 )
 from persid_check.results import FormatError
 
+if TYPE_CHECKING:
+    from persid_check.companion import Arrays
+
+COMPANION = "companion"  # the one field that a file may lack
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
 
@@ -59,13 +65,13 @@ FIELDS = (
 )  # fmt: skip
 
 
-def read_ledger(data: object) -> Ledger:
-    """Return the value of a certificate's JSON object.
+def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
+    """Return the value of a certificate's JSON object; what its companion holds is in the arrays.
 
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    data = read_object("file", data, FIELDS)
+    data = read_object("file", data, (*FIELDS, COMPANION) if isinstance(data, dict) and COMPANION in data else FIELDS)
     if data["format"] != FORMAT:
         raise FormatError("format", f'"{FORMAT}" is needed')
     claim = _one_of("claim", data["claim"], CLAIMS)
@@ -103,7 +109,7 @@ def read_ledger(data: object) -> Ledger:
         read_dyadic("level", data["level"]),
         read_dyadic("input_bound", data["input_bound"]),
         _outputs(data["outputs"], data["model"]),
-        _proof(data["proof"]),
+        _proof(data["proof"], arrays or {}),
     )
 
 
@@ -339,8 +345,13 @@ def _maps(texts: list[str] | None, bounds: object, count: int) -> Sequence[Map |
     return found
 
 
-def _proof(value: object) -> dict[str, Factor]:
+def _proof(value: object, arrays: "Arrays") -> dict[str, Factor | Root]:
     proof = read_object("proof", value, ("P", "M", "V"))
-    return {
-        name: () if rows is None and name == "V" else read_factor(f"proof.{name}", rows) for name, rows in proof.items()
-    }
+    found: dict[str, Factor | Root] = {}
+    for name, entry in proof.items():
+        where = f"proof.{name}"
+        if name != "V" and isinstance(entry, dict):
+            found[name] = read_root(where, entry, arrays)
+        else:
+            found[name] = () if entry is None and name == "V" else read_factor(where, entry)
+    return found

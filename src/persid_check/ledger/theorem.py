@@ -6,7 +6,7 @@ from fractions import Fraction
 
 from flint import nmod_mat
 
-from persid_check.definite import Definite, proof_of
+from persid_check.definite import Definite, Root, proof_of, proves
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.assembly import Assembly, assemble
@@ -48,7 +48,7 @@ def prove(ledger: Ledger) -> Proved:
     _domains(ledger)
     matrices = assemble(ledger)
     kept = _rows_kept(ledger, matrices)
-    if proof_of(matrices.M.kept(kept, kept), ledger.proof["M"]) is None:
+    if not proves(ledger.proof["M"], matrices.M.kept(kept, kept)):
         raise NotProvedError("proof.M", "the matrix inequality is not proved")
     _lyapunov(ledger, matrices, kept)
     _bounds(ledger, matrices)
@@ -289,7 +289,7 @@ def _lyapunov(ledger: Ledger, matrices: Assembly, kept: tuple[int, ...]) -> None
         raise NotProvedError("spanning", "no state is dropped")
     values = list(range(n, matrices.Pt.height))
     lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
-    if proof_of(lower.kept(*[states + values] * 2), ledger.proof["P"]) is None:
+    if not proves(ledger.proof["P"], lower.kept(*[states + values] * 2)):
         raise NotProvedError("proof.P", "the lower bound of V is not proved positive definite")
 
 
@@ -334,7 +334,8 @@ def _bounds(ledger: Ledger, matrices: Assembly) -> None:
     """The region lies inside its strips and is invariant; outputs are bounded by V."""
     if ledger.claim != "region" and ledger.outputs is None:
         return
-    bounding = proof_of(matrices.Pt, ledger.proof["V"])
+    factor = ledger.proof["V"]
+    bounding = None if isinstance(factor, Root) else proof_of(matrices.Pt, factor)
     if bounding is None:
         raise NotProvedError("proof.V", "Pt is not proved positive definite")
     if ledger.claim == "region":

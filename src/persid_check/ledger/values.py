@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
+from persid_check.definite import Root
 from persid_check.expression import Program
 from persid_check.ledger.lemmas import Cuts, Functions, is_odd, vanishes
 from persid_check.model import Model
@@ -180,7 +181,7 @@ class Ledger:
     level: Fraction
     input_bound: Fraction
     outputs: Outputs | None
-    proof: Mapping[str, Factor]
+    proof: Mapping[str, Factor | Root]
 
     @cached_property
     def inside_at(self) -> Mapping[int, int]:

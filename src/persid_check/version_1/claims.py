@@ -290,7 +290,7 @@ def _reached(Pt: Matrix, weights: list[Fraction]) -> int | None:
     for bits in INVERSE_BITS:
         with ctx.workprec(bits):
             try:
-                inverse = arb_mat(Pt.entries).inv()
+                inverse = arb_mat(Pt.flint).inv()
             except ZeroDivisionError:
                 continue
             reach = [inverse[i, i] * arb(2) ** Pt.exponent * _ball(weight) for i, weight in enumerate(weights)]

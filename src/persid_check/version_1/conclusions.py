@@ -125,7 +125,7 @@ def least_constants(C: Sequence[Row], below: Matrix) -> list[arb]:
         with ctx.workprec(bits):
             columns = arb_mat(n, len(C), [_ball(row[j]) for j in range(n) for row in C])
             try:
-                solved = arb_mat(below.entries).solve(columns)
+                solved = arb_mat(below.flint).solve(columns)
             except ZeroDivisionError:
                 continue
             totals = [sum((columns[j, i] * solved[j, i] for j in range(n)), arb(0)) for i in range(len(C))]
