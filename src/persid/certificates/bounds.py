@@ -158,12 +158,21 @@ def lyapunov(claim: Claim, x: Float[ndarray, " n"]) -> Interval:
     model = claim.model
     star = [between(c - claim.radius, c + claim.radius) for c in claim.centre]
     dx = [constant(Fraction(float(v))) - s for v, s in zip(x, star, strict=True)]
-    total = _quadratic(claim, dx)
+    from_ref = [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)]
+    total = _quadratic(claim, [*dx, *(_rise(claim, c, dx, from_ref) for c in claim.inside)])
     for part in claim.parts:
         y = argument(part.row, dx)
-        at = argument(part.row, [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)])
+        at = argument(part.row, from_ref)
         total = total + _share(claim, part, y, None if claim.x is None else at)
     return total
+
+
+def _rise(claim: Claim, c: int, dx: Sequence[Interval], from_ref: Sequence[Interval]) -> Interval:
+    """Enclose the value of a channel, less that at x* where an operating point is stated."""
+    channel = claim.model.channels[c]
+    at, y = argument(channel.row, from_ref), argument(channel.row, dx)
+    start = constant(Fraction(0)) if claim.x is None else value(channel.program, at)
+    return value(channel.program, at + y) - start
 
 
 def _share(claim: Claim, part: Part, y: Interval, at: Interval | None) -> Interval:

@@ -92,8 +92,8 @@ class Certificate:
         return self.model.u_ref if self.stated.u is None else np.array(self.stated.u, float)
 
     @cached_property
-    def P(self) -> Float[ndarray, "n n"]:
-        """The matrix of the quadratic part of V."""
+    def P(self) -> Float[ndarray, "k k"]:
+        """The matrix of the quadratic part of V, over the states and, of some certificates, values of functions."""
         rows = self.stated.P
         if self.stated.diagonal:
             return np.diag([float(entry) for (entry,) in rows])
@@ -255,10 +255,14 @@ class Certificate:
         return start
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
-        """Return the Lyapunov function at states x (N, n): V(x) = dx'P dx + 2 sum of integrals, dx = x - x*."""
+        """Return the Lyapunov function at states x (N, n): V(x) = z'P z + 2 sum of integrals, z = x - x*.
+
+        Where the proof needs slopes of functions, z also holds their values f_c(x) - f_c(x*).
+        """
         channels, point = self.model.channels, self.operating_point
         dx = np.asarray(x, float) - point
-        total: ndarray = np.einsum("ki,ij,kj->k", dx, self.P, dx)
+        z = np.column_stack([dx, *(self._rise(c, dx) for c in self.stated.inside)])
+        total: ndarray = np.einsum("ki,ij,kj->k", z, self.P, z)
         for part in self.stated.parts:
             row = np.zeros(self.model.n)
             row[list(part.row)] = [float(v) for v in part.row.values()]
@@ -271,6 +275,13 @@ class Certificate:
                 integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y
                 total = total + 2 * weight * integral
         return total
+
+    def _rise(self, c: int, dx: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
+        """Return f_c at x* + dx less its value at x*."""
+        channels = self.model.channels
+        f, row = channels.functions[c], channels.rows[c]
+        at = row @ (self.operating_point - self.model.x_ref)
+        return np.asarray(f.value(at + dx @ row) - f.value(at))
 
 
 def _times(t: object) -> Float[ndarray, " N"]:

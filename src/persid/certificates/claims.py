@@ -69,6 +69,7 @@ class Claim:
     radius: Fraction
     u: tuple[Fraction, ...] | None
     diagonal: bool
+    inside: tuple[int, ...]  # channels whose values P reads beside the states
     P: tuple[tuple[Fraction, ...], ...]
     parts: tuple[Part, ...]
     gamma: Fraction | tuple[tuple[Fraction, ...], ...]
@@ -116,6 +117,7 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
         radius,
         u,
         "diagonal" in rows,
+        tuple(rows.get("channels", ())),
         tuple((exact(v),) for v in rows["diagonal"]) if "diagonal" in rows else _lower(rows["lower"]),
         tuple(_points(content) if ledger else _groups(content, model)),
         _lower(content["gamma"]["lower"]) if isinstance(content["gamma"], dict) else exact(content["gamma"]),
@@ -164,7 +166,7 @@ def _points(content: Mapping[str, Any]) -> Iterator[Part]:
         for k, mu in point["densities"]:
             used[p][k] = used[p].get(k, _ZERO) + exact(mu)
     facts = content["facts"]
-    pairs = [(p, k) for p, *ks, _ in facts["value"] for k in ks]
+    pairs = [(p, k) for p, *ks, _ in (*facts["value"], *facts.get("slope", ())) for k in ks]
     pairs += [pair for p, k, q, j, _ in facts["one_signed"] for pair in ((p, k), (q, j))]
     pairs += [(point, form) for p, q, _, k, j, _ in facts["difference"] for point in (p, q) for form in (k, j)]
     for p, k in pairs:

@@ -21,7 +21,7 @@ from persid.certificates.outputs import described, with_constants
 from persid.certificates.partitions import cuts_of
 from persid.certificates.stability import largest
 from persid.lyapunov.operating_points import OperatingPoint
-from persid.lyapunov.points import Known, Point
+from persid.lyapunov.points import Known, Point, steepness
 from persid.lyapunov.proposals import Proposal
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
@@ -30,6 +30,7 @@ from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
 
 RISING = ("nondecreasing",)
+SHORT = 20  # bits of a bound of slopes
 Strip = tuple[dict[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 
@@ -71,7 +72,7 @@ def _content(
         "curves": curves.written(),
         "points": points,
         "facts": facts,
-        "P": {"lower": [[_value(proposal, ("P", j, i)) for j in range(i + 1)] for i in range(n)]},
+        "P": _quadratic(proposal),
         "gamma": [1, 0],
         "deviations": [],
         "dropped": sorted([*zero, *(n + c for c in absent)]),
@@ -87,18 +88,26 @@ def _content(
     return with_proof(draft | _numbers(draft, regional, each))
 
 
+def _quadratic(proposal: Proposal) -> Json:
+    """Return P, with the channels whose values it reads, if there are any."""
+    frame = proposal.frame
+    rows = [[_value(proposal, ("P", j, i)) for j in frame.z[: at + 1]] for at, i in enumerate(frame.z)]
+    return {"lower": rows, "channels": list(frame.slopes)} if frame.slopes else {"lower": rows}
+
+
 def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     """Return gamma, p, and for a region the level and the bound of the inputs, that the matrices just allow."""
     ledger = read_ledger(draft)
     matrices, n = assemble(ledger), ledger.model.n
-    entries = n + len(ledger.model.channels)
+    inputs = range(ledger.entries, ledger.entries + ledger.inputs)
     M, Pt = floats(matrices.M), floats(matrices.Pt)
-    kept = [i for i in range(entries) if i not in set(ledger.dropped)]
-    side, inner = M[np.ix_(kept, range(entries, len(M)))], M[np.ix_(kept, kept)]
+    kept = [i for i in range(len(M)) if i not in inputs and i not in set(ledger.dropped)]
+    side, inner = M[np.ix_(kept, inputs)], M[np.ix_(kept, kept)]
     scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
     scaled = scale[:, None] * side
     stored, largest = _gamma(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled), each)
-    found = {"gamma": stored, "p": rounded(_floor(float(np.linalg.eigvalsh(Pt)[0])))}
+    states = Pt[:n, :n] - Pt[:n, n:] @ np.linalg.solve(Pt[n:, n:], Pt[n:, :n])
+    found = {"gamma": stored, "p": rounded(_floor(float(np.linalg.eigvalsh(states)[0])))}
     if not regional:
         return found if ledger.kappa else {"gamma": stored}
     inverse, level = np.linalg.inv(Pt), np.inf
@@ -153,7 +162,7 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any
     at: list[dict[int, int]] = []
     for p, point in enumerate(frame.points):
         forms = sorted(used[p].kinds)
-        uses = [_use(point, k, used[p].kinds[k], density=k in used[p].densities) for k in forms]
+        uses = [_use(point, k, used[p].kinds[k], k in used[p].densities, frame.sloped) for k in forms]
         place, numbers = curves.place(curve_of(point), uses)
         at.append(dict(zip(forms, numbers, strict=True)))
         densities = [[at[p][k], _value(proposal, ("mu", p, k))] for k in sorted(used[p].densities)]
@@ -162,8 +171,8 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any
     facts: dict[str, list[Any]] = {"value": [], "one_signed": [], "difference": [], "constant": []}
     for label, value in proposal.values.items():
         match label:
-            case ("value", p, k, j):
-                facts["value"].append([p, at[p][k], at[p][j], dyadic(value)])
+            case ("value" | "slope" as kind, p, k, j):
+                facts.setdefault(kind, []).append([p, at[p][k], at[p][j], dyadic(value)])
             case ("one_signed", p, k, q, j):
                 facts["one_signed"].append([p, at[p][k], q, at[q][j], dyadic(value)])
             case ("difference", p, q, sign, k, j):
@@ -180,15 +189,18 @@ def _uses(label: tuple[Any, ...]) -> list[tuple[int, int, tuple[str, ...]]]:
             return [(p, k, SECTOR), (p, j, SECTOR)]
         case ("one_signed", p, k, q, j):
             return [(p, k, ("one-signed",)), (q, j, ("one-signed",))]
+        case ("slope", p, k, j):
+            return [(p, k, RISING), (p, j, RISING)]
         case ("difference", p, q, _, k, j):
             return [(p, k, RISING), (p, j, RISING), (q, k, RISING), (q, j, RISING)]
     return []
 
 
-def _use(point: Point, k: int, kinds: tuple[str, ...], *, density: bool) -> Use:
+def _use(point: Point, k: int, kinds: tuple[str, ...], density: bool, sloped: bool) -> Use:
     known = point.forms[k]
     form = tuple(Fraction(v) for v in known.form)
-    return Use(form, Fraction(known.c), Fraction(known.d), kinds=kinds) if density else Use(form, kinds=kinds)
+    square = Fraction(known.square) if sloped else Fraction(0)
+    return Use(form, Fraction(known.c), Fraction(known.d), False, kinds, square) if density else Use(form, kinds=kinds)
 
 
 def curve_of(point: Point) -> Curve:
@@ -201,6 +213,33 @@ def proved(point: Point) -> Point:
     """Return the point with what is proved of its forms: others leave it, constants that are not proved weaken."""
     curve = curve_of(point)
     return replace(point, forms=tuple(found for form in point.forms if (found := _proved(curve, form)) is not None))
+
+
+def with_squares(point: Point) -> Point:
+    """Return the point with bounds of integrals by squares of their own forms, where such are proved."""
+    curve = curve_of(point)
+    forms = [replace(form, square=_square(curve, point, k)) for k, form in enumerate(point.forms)]
+    return replace(point, forms=tuple(forms))
+
+
+def _square(curve: Curve, point: Point, k: int) -> float:
+    """Return d with e_0 - d l nondecreasing: 1 over the largest slope, as far as it is proved; else 0."""
+    known = point.forms[k]
+    reads = {c for c, v in zip(point.channels, known.form[1:], strict=True) if v}
+    if known.kind not in RISING or not np.isfinite(known.c) or not reads <= set(point.restricted):
+        return 0.0
+    steepest = steepness(point.curve, known.form)
+    for share in (1.0, 1.0 - SLACK) if np.isfinite(steepest) and steepest > 0 else ():
+        use = Use(tuple(Fraction(v) for v in known.form), square=Fraction(_floor_to(share / steepest)))
+        if use.below is not None and cuts_of(curve.lemma(use.below[1], "nondecreasing"), curve.domain) is not None:
+            return float(use.square)
+    return 0.0
+
+
+def _floor_to(number: float) -> float:
+    """Round down to some bits."""
+    unit = np.exp2(np.floor(np.log2(number)) - SHORT)
+    return float(np.floor(number / unit) * unit)
 
 
 @lru_cache(maxsize=8192)

@@ -55,7 +55,7 @@ def written_cuts(cuts: Cuts) -> list[Any]:
 class Use:
     """A form as a point uses it: c and d of its integral where it is a density, `spans` where it has to grow.
 
-    `kinds` are those that will do, the one that says most first.
+    `square` is the d of a bound by its own square. `kinds` are those that will do, the one that says most first.
     """
 
     form: Form
@@ -63,6 +63,14 @@ class Use:
     d: Fraction = _ZERO
     spans: bool = False
     kinds: tuple[str, ...] = SECTOR
+    square: Fraction = _ZERO
+
+    @property
+    def below(self) -> tuple[Fraction, Form] | None:
+        """The d of the bound from below and the form that proves it; None without one."""
+        if self.square:
+            return self.square, (1 - self.square * self.form[0], *(-self.square * v for v in self.form[1:]))
+        return (self.d, (self.form[0] - self.d, *self.form[1:])) if self.d else None
 
 
 @dataclass(frozen=True)
@@ -99,10 +107,10 @@ class Curve:
             entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else use.kinds))
             if use.c is not None:
                 entry["upper"] = self._upper(use.form, entry["is"], use.c)
-            if use.d:
-                below = (use.form[0] - use.d, *use.form[1:])
-                entry["lower"] = [dyadic(use.d), len(uses) + len(extra)]
-                extra.append(self._written(below, *self._kind(below, INTEGRABLE)))
+            if use.below:
+                d, below = use.below
+                entry["lower"] = [dyadic(d), len(uses) + len(extra)]
+                extra.append(self._written(below, *self._kind(below, ("nondecreasing",) if use.square else INTEGRABLE)))
             forms.append(entry)
         return {
             "functions": [[text, dyadic(alpha)] for text, alpha in self.functions],
@@ -121,8 +129,12 @@ class Curve:
             and use.kinds == SECTOR
             and not use.d
             and not use.spans
-            and cuts_of(self.lemma(use.form, "nondecreasing"), None) is not None
+            and self._rises(use.form)
+            and (use.below is None or self._rises(use.below[1]))
         )
+
+    def _rises(self, form: Form) -> bool:
+        return cuts_of(self.lemma(form, "nondecreasing"), self.domain) is not None
 
     def _kind(self, form: Form, kinds: Sequence[str]) -> tuple[str, Cuts]:
         for kind in kinds:

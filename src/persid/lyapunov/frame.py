@@ -6,6 +6,7 @@ With zeta = (x, s, v), x' = G zeta and half the gradient of V equal to E'zeta,
 
 Every unknown is a sum of pairs of rows, in M and in Pt, just as in `inequality`; a pair (p, q) stands for p q' + q p':
     P_ij: (e_i, -g_j - kappa/2 e_j) and its mirror image,     mu: (l'N, -r'G - kappa c r),     tau: (p, -q).
+With slopes, P is over z = (x, values of functions) and zeta = (x, s, sigma, v), z' = (G zeta, sigma).
 Rows are kept as fractions: which of their products cancel is a question with an exact answer (`zero_rows`).
 """
 
@@ -44,13 +45,15 @@ class Frame:
     """A model about a point: x' = G zeta over x, the channels of the points, and v, with the points.
 
     `lone` is 1 where the constant b is one more input. `between` solutions holds what is proved with V = x'P x and
-    products of two nondecreasing forms at one point.
+    products of two nondecreasing forms at one point. `sloped`: V reads values of functions, and slopes along solutions
+    make facts.
     """
 
     model: Model
     points: tuple[Point, ...]
     lone: bool
     between: bool = False
+    sloped: bool = False
 
     @property
     def monotone(self) -> "Frame":
@@ -72,10 +75,21 @@ class Frame:
         acting = sorted(c for point in self.points for c in point.channels)
         return {c: self.n + k for k, c in enumerate(acting)}
 
+    @cached_property
+    def slopes(self) -> dict[int, int]:
+        """The entry of zeta of the derivative of every value that V reads."""
+        inside = sorted(c for point in self.points for c in point.restricted) if self.sloped else ()
+        return {c: self.n + len(self.places) + k for k, c in enumerate(inside)}
+
+    @property
+    def z(self) -> list[int]:
+        """The entries of zeta that P reads."""
+        return [*range(self.n), *(self.places[c] for c in self.slopes)]
+
     @property
     def entries(self) -> int:
-        """Number of entries of x and s."""
-        return self.n + len(self.places)
+        """Number of entries of x, s and sigma."""
+        return self.n + len(self.places) + len(self.slopes)
 
     @property
     def width(self) -> int:
@@ -100,24 +114,29 @@ class Frame:
         return tuple(found)
 
     def along(self, row: Row, kappa: Fraction) -> Row:
-        """Return -r'G - kappa r."""
+        """Return -r'G - kappa r, of a row over z."""
         total: dict[int, Fraction] = {i: -kappa * v for i, v in row.items()} if kappa else {}
         for i, r in row.items():
-            for j, v in self.flow[i].items():
+            for j, v in (self.flow[i] if i < self.n else self._sigma[i]).items():
                 total[j] = total.get(j, Fraction(0)) - r * v
         return {j: v for j, v in total.items() if v}
+
+    @cached_property
+    def _sigma(self) -> dict[int, Row]:
+        """The derivative of the entry of each value that V reads."""
+        return {self.places[c]: {at: _ONE} for c, at in self.slopes.items()}
 
     def unknowns(self, kappa: Fraction, *, across: bool) -> list[Unknown]:
         """Return P, densities and facts; those of two channels only `across`."""
         if self.between:
             return [*self._quadratic(kappa), *self._values()]
         joint = self._across() if across else ()
-        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *joint]
+        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *joint, *self._slopes()]
 
     def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
-        unit = [{i: _ONE} for i in range(self.n)]
-        down = [self.along(row, kappa / 2) for row in unit]
-        for i, j in combinations_with_replacement(range(self.n), 2):
+        unit = {i: {i: _ONE} for i in self.z}
+        down = {i: self.along(row, kappa / 2) for i, row in unit.items()}
+        for i, j in combinations_with_replacement(self.z, 2):
             if i == j:
                 yield Unknown(("P", i, i), ((unit[i], down[i]),), ((unit[i], {i: _HALF}),), multiplier=False)
             else:
@@ -128,15 +147,32 @@ class Frame:
         for p, point in enumerate(self.points):
             for k, form in enumerate(point.forms):
                 if np.isfinite(form.c) and any(form.form[1:]):
-                    below = {i: Fraction(form.d) / 2 * r for i, r in point.row.items()} if form.d else {}
+                    row, d = point.row, Fraction(form.d)
+                    if form.square and self.sloped:
+                        row, d = point.reads(form.form, self.places), Fraction(form.square)
+                    below = {i: d / 2 * r for i, r in row.items()}
                     pair = (point.reads(form.form, self.places), self.along(point.row, kappa * Fraction(form.c)))
-                    yield Unknown(("mu", p, k), (pair,), ((point.row, below),) if form.d else ())
+                    yield Unknown(("mu", p, k), (pair,), ((row, below),) if d else ())
 
     def _values(self) -> Iterator[Unknown]:
         for p, point in enumerate(self.points):
             sectors = [k for k, form in enumerate(point.forms) if form.kind != "one-signed"]
             for k, j in combinations(sectors, 2):
                 yield self._fact(("value", p, k, j), *(point.reads(point.forms[i].form, self.places) for i in (k, j)))
+
+    def _slopes(self) -> Iterator[Unknown]:
+        """Products of nondecreasing forms of (y', sigma), y' = r'G zeta."""
+        for p, point in enumerate(self.points if self.sloped else ()):
+            if not point.restricted:
+                continue
+            y = {i: -v for i, v in self.along(point.row, Fraction(0)).items()}
+            for k, j in combinations(point.steady, 2):
+                yield self._fact(("slope", p, k, j), *(self._slope(point, y, i) for i in (k, j)))
+
+    def _slope(self, point: Point, y: Row, k: int) -> Row:
+        first, *values = (Fraction(v) for v in point.forms[k].form)
+        total = {i: first * v for i, v in y.items()} if first else {}
+        return total | {self.slopes[c]: v for c, v in zip(point.channels, values, strict=True) if v}
 
     def _across(self) -> Iterator[Unknown]:
         signed = [
@@ -208,7 +244,7 @@ class Matrices:
 
     def Pt(self, more: Sequence[Sequence[tuple[int, float]]] = ()) -> Problem:
         """Return Pt, likewise."""
-        return self._pairs([each.Pt for each in self.unknowns], np.arange(self.frame.n), 1.0, more)
+        return self._pairs([each.Pt for each in self.unknowns], np.array(self.frame.z), 1.0, more)
 
     def _pairs(
         self, parts: Sequence[tuple[Pair, ...]], kept: ndarray, weight: float,

@@ -40,12 +40,16 @@ Form = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Known:
-    """A candidate form: its kind, c and d of its integral; c is NaN where it is no density."""
+    """A candidate form: its kind, c and d of its integral; c is NaN where it is no density.
+
+    `square` is d of (d/2) g^2, a lower bound of the integral by the square of the form g itself.
+    """
 
     form: Form
     kind: str
     c: float = np.nan
     d: float = 0.0
+    square: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,19 @@ class Point:
     def rising(self) -> list[int]:
         """The nondecreasing forms that are no sums of others: their products imply those of all others."""
         return _extreme(form.form if form.kind == "nondecreasing" else None for form in self.forms)
+
+    @cached_property
+    def restricted(self) -> tuple[int, ...]:
+        """The channels whose slopes are bounded on both sides: two nondecreasing forms read them with both signs."""
+        forms = [self.forms[k].form for k in self.rising]
+        signs = [{np.sign(form[1 + i]) for form in forms} for i in range(len(self.channels))]
+        return tuple(c for c, each in zip(self.channels, signs, strict=True) if {-1.0, 1.0} <= each)
+
+    @property
+    def steady(self) -> list[int]:
+        """The forms of `rising` that read such channels alone."""
+        loose = [i for i, c in enumerate(self.channels) if c not in self.restricted]
+        return [k for k in self.rising if not any(self.forms[k].form[1 + i] for i in loose)]
 
     @cached_property
     def is_odd(self) -> bool:
@@ -125,6 +142,12 @@ def known(curve: Curve) -> tuple[Known, ...]:
     kinds = np.where(rising, "nondecreasing", "sector")
     found = [Known(*each) for each in zip(listed, kinds.tolist(), c.tolist(), d.tolist(), strict=True)]
     return (*found, *(Known(form, "one-signed") for form in one_signed(curve)))
+
+
+def steepness(curve: Curve, form: Form) -> float:
+    """Return the largest slope of a form that samples show."""
+    slopes = np.vstack([_samples(curve, FINE, slopes=True), curve.slopes(np.zeros(1))])
+    return float((slopes @ np.array(form)).max(initial=0.0))
 
 
 def one_signed(curve: Curve) -> list[Form]:

@@ -76,9 +76,18 @@ class Candidate:
         """The rows of N of the unknowns that are positive."""
         return self.N[[k for k, each in enumerate(self.solvable.unknowns) if each.multiplier]]
 
-    def Pt(self, w: Float[ndarray, " W"]) -> Float[ndarray, "n n"]:
-        """Return the matrix of the quadratic lower bound of V, in units."""
+    def Pt(self, w: Float[ndarray, " W"]) -> Float[ndarray, "k k"]:
+        """Return the matrix of the quadratic lower bound of V, over what P reads, in units."""
         return np.asarray(combine(self.matrices.Pt(), self.N @ w))
+
+    def least(self, w: Float[ndarray, " W"]) -> float:
+        """Return the largest p with V >= p |x|^2 by Pt, in the user's units; negative where Pt is not positive."""
+        n, Pt = self.frame.n, self.Pt(w)
+        if np.linalg.eigvalsh(Pt[n:, n:]).min(initial=1.0) <= 0:
+            return -1.0
+        units = self.matrices.units[:n]
+        states = Pt[:n, :n] - Pt[:n, n:] @ np.linalg.solve(Pt[n:, n:], Pt[n:, :n])
+        return float(np.linalg.eigvalsh(states / units / units[:, None])[0])
 
     def in_use(self) -> "Candidate":
         """Return the candidate without multipliers that are zero, where no equations tie them to others."""
@@ -114,8 +123,7 @@ class Candidate:
         frame, k = self.frame, len(self.matrices.kept)
         if not (w.any() and np.isfinite(self.N @ w).all()):
             return np.inf
-        Pt = self.Pt(w) / self.matrices.units[: frame.n] / self.matrices.units[: frame.n, None]
-        M, least = combine(self.matrices.M(inputs=True), self.N @ w), float(np.linalg.eigvalsh(Pt)[0])
+        M, least = combine(self.matrices.M(inputs=True), self.N @ w), self.least(w)
         if least <= 0 or np.linalg.eigvalsh(M[:k, :k])[0] <= 1e-13 * np.abs(M[:k, :k]).max():
             return np.inf
         side = M[:k, k:] / self.matrices.units[frame.entries :]
@@ -126,12 +134,13 @@ class Candidate:
 def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, Matrices] | None:
     """Return the unknowns of a frame at a rate and the matrices in good units; None where no V is left."""
     solvable = reduced(frame.unknowns(kappa, across=across), frame.entries, frame.n)
-    if solvable is None:
+    if solvable is None or (solvable.zero and frame.sloped):
         return None
-    units = scaling(system_of(frame))
+    units = scaling(system_of(replace(frame, sloped=False)))
     kept = np.array([i for i in range(frame.entries) if i not in solvable.zero], int)
-    inputs = units.inputs[: frame.width - frame.entries]
-    matrices = Matrices(frame, solvable.unknowns, np.concatenate([units.entries, inputs]), units.rate, kept)
+    inputs, slopes = units.inputs[: frame.width - frame.entries], units.rate * units.entries[frame.z[frame.n :]]
+    every = np.concatenate([units.entries, slopes, inputs])
+    matrices = Matrices(frame, solvable.unknowns, every, units.rate, kept)
     return solvable, matrices
 
 
@@ -157,7 +166,8 @@ def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Cand
     solvable, matrices = built
     candidate = Candidate(frame, kappa, solvable, matrices, np.zeros(len(solvable.free)))
     try:
-        w = _priced(matrices, left) if not solvable.zero and not frame.is_regional else _centred(candidate, left)
+        plain = not (solvable.zero or frame.is_regional or frame.sloped)
+        w = _priced(matrices, left) if plain else _centred(candidate, left)
         candidate = replace(candidate, w=w)
         return candidate if np.isfinite(candidate.gamma(w)) else None
     except np.linalg.LinAlgError:  # numbers of a size that floating point does not bear
@@ -209,7 +219,7 @@ def _centred(candidate: Candidate, left: Left) -> Float[ndarray, " W"]:
     N = sla.block_diag(candidate.N, np.eye(1))
     blocks = (
         Block.of(matrices.M([[(int(i), -size) for i in matrices.kept]]), N),
-        Block.of(matrices.Pt([[(i, -size) for i in range(frame.n)]]), N),
+        Block.of(matrices.Pt([[(i, -size) for i in frame.z]]), N),
     )
     objective = np.append(np.zeros(len(w)), -1.0)
 
@@ -255,9 +265,8 @@ def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
     if not len(inputs):
         return candidate
     gamma = candidate.gamma(candidate.w)
-    scale = matrices.units[: frame.n] ** 2
-    lowest = np.linalg.eigvalsh(candidate.Pt(candidate.w) / np.sqrt(np.outer(scale, scale)))[0]
-    start, size = candidate.w * 1.2 / float(lowest), 1.5 * max(gamma, 1e-12)
+    scale = np.append(matrices.units[: frame.n] ** 2, np.zeros(len(frame.slopes)))
+    start, size = candidate.w * 1.2 / candidate.least(candidate.w), 1.5 * max(gamma, 1e-12)
     N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
     M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * size) for i in inputs]], inputs=True)
     blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -np.diag(scale)))

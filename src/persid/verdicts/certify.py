@@ -34,6 +34,7 @@ CLAIMS = ("strongest", "incremental")  # that may be asked for
 FULL_P_STATES = 50  # a full P is tried up to this many states
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
+SLOPED = 20  # and slopes along solutions, the dearest, up to so many states and functions together
 FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 50 it takes five times as long
 
 
@@ -229,13 +230,8 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
     setting = Setting.of(asked.model, points[0], arrays=asked.arrays)
     if asked.claim == "incremental":
         return _between_solutions(asked, setting, log)
-    forms, ways = partial(_by_forms, asked, setting, log), list[Way]()
-    ways.append(forms)
-    if not asked.model.is_discrete:  # the others are about derivatives
-        ways.append(partial(_by_weights, asked, log))
-        if asked.outputs is None and 1 < asked.model.n <= FACTS_STATES:
-            frame = frame_of(setting)
-            ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
+    forms = partial(_by_forms, asked, setting, log)
+    ways = [forms] if asked.model.is_discrete else _ways(asked, setting, forms, log)
     failure = stopped(Status.TIME)
     for way in ways:
         if log.left() <= 0:
@@ -247,6 +243,19 @@ def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Cert
             return answer
         failure = answer if way is forms else failure
     return failure
+
+
+def _ways(asked: _Asked, setting: Setting, forms: Way, log: Log) -> list[Way]:
+    """Return the ways to certify in continuous time in their order: products of forms are one of them."""
+    ways: list[Way] = [forms, partial(_by_weights, asked, log)]
+    if asked.outputs is not None or not 1 < asked.model.n <= FACTS_STATES:
+        return ways
+    frame = frame_of(setting)
+    ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
+    sloped = replace(frame, sloped=True)
+    if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
+        ways.append(partial(_by_facts, asked, setting, sloped, log))
+    return ways
 
 
 def _between_solutions(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
@@ -286,8 +295,9 @@ def _by_forms(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
 
 
 def _by_facts(asked: _Asked, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
-    """Certify with facts across channels, and with rows that are exactly zero."""
-    with log.attempt("facts across functions, rows that are zero") as outcome:
+    """Certify with facts across channels, and with rows that are exactly zero; or with slopes along solutions, too."""
+    what = "slopes along solutions" if frame.sloped else "facts across functions, rows that are zero"
+    with log.attempt(what) as outcome:
         found, fastest = by_facts(setting, frame, asked.rate, asked.each, log)
         outcome.append(_word(found))
     return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 
 from persid.certificates.certificate import Certificate
-from persid.certificates.facts import prove_facts, proved
+from persid.certificates.facts import prove_facts, proved, with_squares
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
@@ -54,6 +54,8 @@ def by_facts(
         the certificate of the best rate, where that is another. With `each` every input has a gain of its own.
     """
     frame = replace(frame, points=tuple(map(proved, frame.points)))
+    if frame.sloped:
+        frame = replace(frame, points=tuple(map(with_squares, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
     J = setting.jacobian
     limit = setting.fastest if np.isfinite(J).all() else 0.0

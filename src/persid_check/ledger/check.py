@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from persid_check.identity import Meant, require_same
 from persid_check.ledger import MAX_BYTES
 from persid_check.ledger.file import COMPANION, read_ledger
+from persid_check.ledger.further import has_feedback
 from persid_check.ledger.sentences import statement, steps
-from persid_check.ledger.theorem import has_feedback, prove
+from persid_check.ledger.theorem import prove
 from persid_check.reading import read_object
 from persid_check.results import Accepted, FormatError, NotProvedError
 from persid_check.work import limited

@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.theorem import Proved, has_feedback, is_moved, strips
+from persid_check.ledger.further import has_feedback, is_moved
+from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
 from persid_check.words import (
     SHOWN,
