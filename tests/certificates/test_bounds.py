@@ -195,6 +195,11 @@ def test_region_admits_each_input_apart() -> None:
     assert found.bound([0.1, 0.1], [0.0, 2 * found.input_bound], [0.0])[0] > 0
     with pytest.raises(ps.PersidError, match="exceeds"):
         found.bound([0.1, 0.1], [2 * found.input_bound, 0.0], [0.0])
+    assert found.input_bounds is not None
+    for alone in np.diag(found.input_bounds):
+        assert found.bound([0.1, 0.1], alone, [0.0])[0] > 0
+        with pytest.raises(ps.PersidError, match="exceeds"):
+            found.bound([0.1, 0.1], 1.0001 * alone, [0.0])
 
 
 def test_no_other_word_for_gains() -> None:

@@ -71,6 +71,14 @@ def supply(gamma: Gamma, sizes: Sequence[float]) -> Fraction:
     return sum((abs(rows[i][j]) * a * b for i, a in enumerate(s) for j, b in enumerate(s)), Fraction(0))
 
 
+def input_bounds(claim: Claim, width: int) -> Float[ndarray, " m"]:
+    """Return the size that each of `width` inputs alone may have in a region, rounded down: Gamma_ll u^2 <= kappa c."""
+    room = claim.kappa * claim.level - claim.constant_supply
+    rows = coupling(claim.gamma, width)
+    with ctx.workprec(BITS):
+        return np.array([-above(-ball(room / rows[k][k]).sqrt()) if rows[k][k] else np.inf for k in range(width)])
+
+
 def largest_eigenvalue(gamma: Gamma) -> arb:
     """Return an upper bound, to 0.1 %: (tr Gamma^k)^(1/k) for Gamma > 0, k a power of two."""
     if isinstance(gamma, Fraction):

@@ -175,6 +175,14 @@ class Certificate:
         return bounds.below(self.stated.input_bound) if self.claim == "region" else None
 
     @property
+    def input_bounds(self) -> Float[ndarray, " m"] | None:
+        """How far each input alone may go, the others at u*: its sup|u_l - u_l*|, rounded down; None for global claims.
+
+        `bound` says which sizes of several inputs at once are admitted.
+        """
+        return bounds.input_bounds(self.stated, self.model.m) if self.claim == "region" else None
+
+    @property
     def level(self) -> float | None:
         """The level c of the certified region {V <= c} of a regional claim; None for global claims."""
         return bounds.below(self.stated.level) if self.claim == "region" else None

@@ -19,7 +19,7 @@ from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from persid.models.model import PersidskiiModel
+import persid as ps
 
 HERTZ, MVA = 60.0, 100.0
 LINES = {  # between buses: series impedance and charging, per unit
@@ -132,7 +132,7 @@ class Grid:
         given = self.mechanical - E**2 * Y.diagonal().real
         return ACCELERATIONS @ sines, ACCELERATIONS @ cosines, ACCELERATIONS @ given
 
-    def model(self, condition: Condition = NORMAL) -> PersidskiiModel:
+    def model(self, condition: Condition = NORMAL) -> ps.PersidskiiModel:
         """Return the swing equations as a model; its inputs are load steps in MW, to first order.
 
         A step changes the admittances between the machines. The model takes what that changes at the angles at rest for
@@ -143,7 +143,7 @@ class Grid:
         A0 = np.block([[np.zeros((2, 2)), KINEMATICS], [np.zeros((3, 2)), -self.damping * np.eye(3)]])
         terms = [("sin(x)", rows, np.vstack([still, sines])), ("cos(x)", rows, np.vstack([still, cosines]))]
         B = np.vstack([still, self.load_effects(condition)])
-        return PersidskiiModel(A0, terms, B, [0.0, 0.0, *given], states=STATES, inputs=tuple(LOADS))
+        return ps.PersidskiiModel(A0, terms, B, [0.0, 0.0, *given], states=STATES, inputs=tuple(LOADS))
 
     def load_effects(self, condition: Condition = NORMAL) -> Float[ndarray, "3 3"]:
         """Return what 1 MW more of each load adds to f21', f31' and f0' at the angles at rest, in Hz/s."""
