@@ -20,6 +20,7 @@ MAX_BITS = 2048  # of a mantissa
 MAX_EXPONENT = 2000
 MAX_FORMS = 128  # of a curve, a group or a kind
 MAX_ENTRIES = 2500  # of states and channels
+MAX_FILLED = 3 * 10**6  # numbers of one matrix of a model in a companion
 MAX_FACTOR_BITS = 512  # of an entry of T or L
 MAX_SHIFT = 2000  # of a row of a matrix whose root is given
 
@@ -192,12 +193,49 @@ def read_written(form: Any, *, discrete: bool = False) -> Model:
     return model_of(form, discrete=discrete)
 
 
-def read_model(form: object, *, discrete: bool = False) -> Model:
+def read_model(form: object, *, discrete: bool = False, longest: int = MAX_ENTRIES) -> Model:
     """Return such a model, of a size that one matrix can have."""
     model = read_written(form, discrete=discrete)
-    if model.n + len(model.channels) > MAX_ENTRIES:
-        raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
+    if model.n + len(model.channels) > longest:
+        raise FormatError("model", f"more than {longest} states and channels")
     return model
+
+
+def filled(form: object, arrays: "Arrays") -> object:
+    """Return a model's form with its matrices written out, where it has names of arrays of a companion in their place.
+
+    Each array stands for one matrix, all numbers of its rows: what is written out is as long as the companion.
+    """
+    if not (isinstance(form, dict) and all(isinstance(form.get(name), list) for name in ("states", "inputs", "terms"))):
+        return form
+    n, left = len(form["states"]), dict(arrays)
+    found = {**form, "terms": [dict(term) if isinstance(term, dict) else term for term in form["terms"]]}
+    _fill("model", found, "A0", n, left)
+    _fill("model", found, "B", len(form["inputs"]), left)
+    for i, term in enumerate(found["terms"]):
+        if isinstance(term, dict):
+            _fill(f"model.terms[{i}]", term, "R", n, left)
+            _fill(f"model.terms[{i}]", term, "A", len(term["R"]) if isinstance(term.get("R"), list) else n, left)
+    return found
+
+
+def _fill(where: str, part: dict[str, Any], name: str, width: int, left: dict[str, Any]) -> None:
+    """Write out the matrix whose array a part names; no other part can name it then."""
+    key = part.get(name)
+    if not isinstance(key, str):
+        return
+    array = left.pop(key, None)
+    if array is None or array.dtype != "<f8" or not width or len(array) % width or len(array) > MAX_FILLED:
+        raise FormatError(f"{where}.{name}", f"the companion has no array {key[:60]!r}, once, of <f8 rows of {width}")
+    part[name] = _rows(f"{where}.{name}", array.reshape(-1, width))
+
+
+def _rows(where: str, table: Any) -> list[list[str]]:
+    """Return rows of finite numbers as canonical text."""
+    text = [[value.hex() for value in row] for row in (table + 0.0).tolist()]
+    if any(not value[-1].isdigit() for row in text for value in row):  # inf, nan
+        raise FormatError(where, "a number is not finite")
+    return text
 
 
 def _refuse_unwritten(form: object) -> None:

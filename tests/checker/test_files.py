@@ -188,7 +188,8 @@ def test_the_program_never_ends_by_a_traceback(error, code, monkeypatch, capsys)
 def test_the_sources_hold_no_assertion_and_no_evaluation() -> None:
     """The checker's source has no assert, eval, exec or pickle, and imports only flint and the standard library.
 
-    Modules of claim L1 import NumPy, within functions alone, to read large arrays.
+    Modules of claim L1 import NumPy, within functions alone, to read large arrays; `digits`, which holds large
+    matrices, is itself imported only then.
     """
     import ast
 
@@ -196,9 +197,10 @@ def test_the_sources_hold_no_assertion_and_no_evaluation() -> None:
     for path in sorted((SOURCES / "persid_check").rglob("*.py")):
         tree = ast.parse(path.read_text())
         here = allowed | (
-            {"numpy"} if path.stem in {"companion", "certificate", "claims", "sparse", "table"} else set()
+            {"numpy"} if path.stem in {"companion", "certificate", "claims", "digits", "sparse", "table"} else set()
         )
-        assert not any("numpy" in ast.dump(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom))
+        heads = [ast.dump(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        assert not any("numpy" in head or "'digits'" in head for head in heads) or path.stem == "digits", path
         for node in ast.walk(tree):
             assert not isinstance(node, ast.Assert), path
             if isinstance(node, ast.Name):

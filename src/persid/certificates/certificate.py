@@ -3,6 +3,7 @@
 A Certificate holds the very bytes that were accepted; nothing else in persid may say that a model is certified.
 """
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,8 +17,11 @@ from persid.certificates import bounds
 from persid.certificates import output_bounds as seen
 from persid.certificates.acceptance import accepted
 from persid.certificates.claims import Claim, claim_of
+from persid.certificates.encoding import encode, separated
 from persid.errors import ModelError, PersidError
 from persid.models.model import PersidskiiModel
+from persid.models.sparse import archive
+from persid_check import companion, reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,16 +42,34 @@ class Certificate:
     statement: str
     steps: tuple[str, ...]
     further: tuple[str, ...] = ()
+    arrays: bytes | None = None
 
     @classmethod
-    def accept(cls, data: bytes) -> "Certificate":
+    def of(cls, content: Json) -> "Certificate":
+        """Return the certificate that a content is, once the checker accepts it; large matrices go to a companion.
+
+        Raises:
+            RejectedError: the checker rejects it or finds it malformed; the message gives its reason.
+        """
+        content, large = separated(content)
+        if not large:
+            return cls.accept(encode(content))
+        arrays = archive(large)
+        digest = hashlib.sha256(arrays).hexdigest()
+        stored = {"npz": f"certificate-{digest[:16]}.npz", "sha256": digest}
+        return cls.accept(encode(content | {"companion": stored}), arrays)
+
+    @classmethod
+    def accept(cls, data: bytes, arrays: bytes | None = None) -> "Certificate":
         """Return the certificate that these bytes are, if the checker accepts them as a proof of stability.
+
+        `arrays` are the bytes of the companion that they name, if any.
 
         Raises:
             RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
-        answer = accepted(data, ("iss", "rate-and-gain", "region"))
-        return cls(data, answer.claim, answer.statement, answer.steps, answer.further)
+        answer = accepted(data, ("iss", "rate-and-gain", "region"), arrays)
+        return cls(data, answer.claim, answer.statement, answer.steps, answer.further, arrays)
 
     def __repr__(self) -> str:
         return f"Certificate({self.claim}, {len(self.data)} bytes: {self.statement})"
@@ -58,13 +80,18 @@ class Certificate:
         return of_certificate(self)
 
     def save(self, path: str | Path) -> None:
-        """Write the accepted bytes."""
+        """Write the accepted bytes, and beside them the companion under the name that they give."""
+        if self.arrays is not None:
+            write_atomically(Path(path).with_name(self.content["companion"]["npz"]), self.arrays)
         write_atomically(path, self.data)
 
     @cached_property
     def content(self) -> Json:
-        """The certificate as an object."""
-        return json_object(self.data)
+        """The certificate as an object, with its model's matrices written out where they stand in the companion."""
+        content = json_object(self.data)
+        if self.arrays is None:
+            return content
+        return content | {"model": reading.filled(content["model"], companion.read(self.arrays))}
 
     @cached_property
     def model(self) -> PersidskiiModel:

@@ -16,6 +16,8 @@ FORMAT = "persid-certificate-1"
 MARGIN = 8.0  # by which what is subtracted for a root's sake exceeds what rounding it adds to a row
 LONGEST = 50  # bits of a root's entries
 POWERS = 30
+BESIDE = 500_000  # numbers of the matrices of a file from which the large ones stand in a companion
+LISTED = 10_000  # numbers of a matrix that is large then
 
 
 def heading(model: PersidskiiModel, claim: str, statement: str) -> Json:
@@ -89,6 +91,38 @@ def _least_eigenvalue(M: Float[ndarray, "k k"]) -> float:
     for _ in range(POWERS):
         vector = sla.cho_solve((L, True), vector / np.linalg.norm(vector), check_finite=False)
     return float(0.9 / np.linalg.norm(vector))
+
+
+def separated(content: Json) -> tuple[Json, dict[str, ndarray]]:
+    """Return a content whose large matrices are names, and the arrays of a companion that they name.
+
+    Nothing is separated of a content of which people can read the numbers.
+    """
+    model, proof, arrays = content["model"], content["proof"], dict[str, ndarray]()
+    if sum(_length(entry) for entry in proof.values()) + sum(map(_length, _matrices(model))) < BESIDE:
+        return content, arrays
+    model = {**model, "terms": [{**term} for term in model["terms"]]}
+    proof = {name: {**entry} if isinstance(entry, dict) else entry for name, entry in proof.items()}
+    parts = [(model, "A0", "A0"), (model, "B", "B")]
+    parts += [(t, name, f"terms.{i}.{name}") for i, t in enumerate(model["terms"]) for name in ("R", "A")]
+    for part, name, key in parts:
+        if _length(part[name]) >= LISTED:
+            arrays[key] = np.array([[float.fromhex(v) for v in row] for row in part[name]]).ravel()
+            part[name] = key
+    for name, entry in proof.items():
+        if isinstance(entry, dict) and _length(entry) >= LISTED:
+            arrays[f"proof.{name}"] = np.concatenate([np.array(row, np.int64) for row in entry["L"]])
+            entry["L"] = f"proof.{name}"
+    return content | {"model": model, "proof": proof}, arrays
+
+
+def _matrices(model: Json) -> list[list[list[str]] | None]:
+    return [model["A0"], model["B"], *(term[name] for term in model["terms"] for name in ("R", "A"))]
+
+
+def _length(rows: Any) -> int:
+    """How many numbers a matrix, a root or a factor has."""
+    return sum(map(len, rows["L"] if isinstance(rows, dict) else rows or ()))
 
 
 def encode(content: Json) -> bytes:

@@ -15,7 +15,7 @@ from persid._dyadics import dyadic as rounded
 from persid._dyadics import rounded as significant
 from persid._files import Json
 from persid.certificates.certificate import Certificate
-from persid.certificates.encoding import encode, heading
+from persid.certificates.encoding import heading
 from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
 from persid.certificates.outputs import described, with_constants
 from persid.certificates.partitions import cuts_of
@@ -49,7 +49,7 @@ def prove_facts(
     content = _content(model, proposal, point, strips, each)
     if outputs is not None and proposal.kappa:
         content = with_constants(with_proof(content | {"outputs": described(outputs)}))
-    return Certificate.accept(encode(content))
+    return Certificate.of(content)
 
 
 def _content(

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import _floor, dyadic, dyadics, rounded
-from persid._files import Json
+from persid._files import Json, json_object
 from persid.certificates.bounds import above, largest_eigenvalue
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode, factor, heading
@@ -44,10 +44,10 @@ def prove(
     """
     content = version_1(model, lyapunov, point, box)
     if outputs is not None and "kappa" in content:  # of the model itself: deviations only make its inequality harder
-        return Certificate.accept(encode(with_constants(as_ledger(content, outputs=described(outputs)))))
+        return Certificate.of(with_constants(as_ledger(content, outputs=described(outputs))))
     deviations = [_deviation(*pair) for pair in zip(lyapunov.deviations, lyapunov.s, strict=True)]
     try:
-        return Certificate.accept(encode(as_ledger(content, deviations)))
+        return Certificate.of(as_ledger(content, deviations))
     except (RejectedError, RoundingError):
         if deviations or model.is_discrete:  # version 1 knows neither
             raise
@@ -60,7 +60,7 @@ def with_constant(certificate: Certificate, epsilon: float) -> Certificate:
     Raises:
         RejectedError: the constant part drives the state out of the region.
     """
-    content, claim = certificate.content, certificate.stated
+    content, claim = json_object(certificate.data), certificate.stated
     (deviation,) = content["deviations"]
     changed = content | {"deviations": [deviation | {"epsilon": dyadic(epsilon)}]}
     if claim.level:
@@ -69,7 +69,7 @@ def with_constant(certificate: Certificate, epsilon: float) -> Certificate:
             raise RejectedError("the constant part of the deviations drives the state out of the region")
         most = np.sqrt(room / above(largest_eigenvalue(claim.gamma)))
         changed["input_bound"] = dyadic(min(_floor(most), float(claim.input_bound)))
-    return Certificate.accept(encode(changed))
+    return Certificate.accept(encode(changed), certificate.arrays)
 
 
 def version_1(

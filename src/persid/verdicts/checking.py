@@ -7,7 +7,7 @@ import persid_check
 from persid.certificates.certificate import Certificate
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
-from persid.networks.certificate import NetworkCertificate, load
+from persid.networks.certificate import NetworkCertificate, companion, load
 from persid_check import json_text
 from persid_check.results import FormatError, Result
 
@@ -15,7 +15,7 @@ from persid_check.results import FormatError, Result
 def load_certificate(path: str | Path) -> Certificate | NetworkCertificate:
     """Read a certificate; the checker reads it too, and what it does not accept is refused.
 
-    Of claim L1 it is a NetworkCertificate; its companion of large arrays is looked for in the same folder.
+    Of claim L1 it is a NetworkCertificate. A companion of large arrays is looked for in the same folder.
 
     Raises:
         OSError: the file, or its companion, cannot be read.
@@ -27,8 +27,11 @@ def load_certificate(path: str | Path) -> Certificate | NetworkCertificate:
         >>> ps.load_certificate("certificate.json").model == model
         True
     """
-    data = Path(path).read_bytes()
-    return load(data, Path(path).parent) if _claim(data) == "L1" else Certificate.accept(data)
+    data, folder = Path(path).read_bytes(), Path(path).parent
+    if _claim(data) == "L1":
+        return load(data, folder)
+    named = b'"companion"' in data and _claim(data) is not None
+    return Certificate.accept(data, companion(data, folder) if named else None)
 
 
 def _claim(data: bytes) -> object:

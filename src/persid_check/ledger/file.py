@@ -34,6 +34,7 @@ from persid_check.reading import (
     MAX_EXPONENT,
     MAX_FORMS,
     Factor,
+    filled,
     read_ball,
     read_dropped,
     read_dyadic,
@@ -55,6 +56,7 @@ from persid_check.results import FormatError
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
 
+MAX_ENTRIES = 4000  # of states and channels
 COMPANION = "companion"  # the one field that a file may lack
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
@@ -77,7 +79,8 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
     claim = _one_of("claim", data["claim"], CLAIMS)
     read_text("statement", data["statement"], 5000)
     sha256 = read_text("model_sha256", data["model_sha256"], 64)
-    model = read_model(data["model"], discrete=True)
+    form: Any = filled(data["model"], arrays or {})
+    model = read_model(form, discrete=True, longest=MAX_ENTRIES)
     n, m, entries = model.n, model.m, model.n + len(model.channels)
     ball = None if data["operating_point"] is None else read_ball("operating_point", data["operating_point"], model)
     v = m + (ball is None and any(model.b))
@@ -90,7 +93,7 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
     return Ledger(
         claim,
         sha256,
-        data["model"],
+        form,
         model,
         ball,
         curves,
@@ -108,7 +111,7 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
         tuple(_strip(f"strips[{i}]", value, n) for i, value in _listed("strips", data)),
         read_dyadic("level", data["level"]),
         read_dyadic("input_bound", data["input_bound"]),
-        _outputs(data["outputs"], data["model"]),
+        _outputs(data["outputs"], form),
         _proof(data["proof"], arrays or {}),
     )
 
