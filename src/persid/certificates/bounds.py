@@ -4,7 +4,8 @@ For every input, and every x(0) for which the claim holds, it says
 
     |x(t) - x*| <= sqrt(V(x(0)) / p) exp(-kappa t / 2) + sqrt(sup v'Gamma v / (kappa p)) + spread,     v = u - u*,
 
-where spread = sum_j sqrt(s_j / (kappa p)) epsilon_j for the deviations of a plant, 0 for a model,
+where spread = sum_j sqrt(s_j / (kappa p)) epsilon_j for the deviations of a plant, 0 for a model (of a practical claim
+the root of (c_0 / kappa + e_V + o_V) / p),
 and Gamma = gamma I, or a matrix that gives each input its own gain. Where b counts as one more input, v ends with 1.
 In discrete time t is a multiple of dt, and (1 - kappa)^(t/dt) stands for exp(-kappa t).
 """
@@ -96,9 +97,10 @@ def _unit(claim: Claim) -> arb:
 
 
 def spread(claim: Claim, unit: arb) -> arb:
-    """Return what the constant parts of deviations add to a bound of the square root of `unit` / kappa times V."""
+    """Return what constants add to a bound of the square root of `unit` / kappa times V: those of deviations, and of a
+    practical claim."""
     parts = [(ball(each.s) / unit).sqrt() * ball(each.epsilon) for each in claim.deviations]
-    return sum(parts, arb(0))
+    return sum(parts, (ball(claim.square) * _unit(claim) / unit).sqrt())
 
 
 def remaining(claim: Claim) -> arb:

@@ -28,8 +28,8 @@ from persid_check import companion, reading
 class Certificate:
     """A proof that a model is input-to-state stable, accepted by `persid_check` byte for byte.
 
-    `statement` and `steps` are the checker's own words; `claim` is "iss", "rate-and-gain" (both for all initial states)
-    or "region". Files of both formats are read.
+    `statement` and `steps` are the checker's own words; `claim` is "iss", "rate-and-gain", "practical" (these for all
+    initial states) or "region". Files of both formats are read.
 
     Examples:
         >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
@@ -68,7 +68,7 @@ class Certificate:
         Raises:
             RejectedError: the checker rejects them or finds them malformed; the message gives its reason.
         """
-        answer = accepted(data, ("iss", "rate-and-gain", "region"), arrays)
+        answer = accepted(data, ("iss", "rate-and-gain", "region", "practical"), arrays)
         return cls(data, answer.claim, answer.statement, answer.steps, answer.further, arrays)
 
     def __repr__(self) -> str:
@@ -216,9 +216,10 @@ class Certificate:
 
     @property
     def spread(self) -> float | None:
-        """Of a certificate of plants, the distance from x* at which the constant parts of deviations may leave it.
+        """The distance from x* at which the state may stay without inputs: of plants whose deviations have constant
+        parts, and of claim "practical", where x_ref stands for x*.
 
-        In state units, rounded up; 0 for a model, or where they have no constant parts. None for claim "iss".
+        In state units, rounded up; 0 otherwise. None for claim "iss".
         """
         return abs(bounds.above(bounds.remaining(self.stated))) if self.stated.has_rate else None
 
@@ -306,7 +307,8 @@ class Certificate:
             total = total + density[0] * y**2
             for weight, (c, alpha) in zip(density[1:], part.members, strict=True):
                 f, a = channels.functions[c], float(alpha)
-                start, slope = np.array([a * at]), f.value(np.array([a * at]))
+                start = np.array([a * at])
+                slope = self._subtracted * f.value(start)
                 integral = (f.antiderivative(a * (at + y)) - f.antiderivative(start)) / a - slope * y
                 total = total + 2 * weight * integral
         return total
@@ -316,7 +318,12 @@ class Certificate:
         channels = self.model.channels
         f, row = channels.functions[c], channels.rows[c]
         at = row @ (self.operating_point - self.model.x_ref)
-        return np.asarray(f.value(at + dx @ row) - f.value(at))
+        return np.asarray(f.value(at + dx @ row) - self._subtracted * f.value(at))
+
+    @property
+    def _subtracted(self) -> bool:
+        """Whether functions count less their values at x*: not about x_ref itself."""
+        return self.stated.x is not None
 
 
 def _times(t: object) -> Float[ndarray, " N"]:

@@ -13,6 +13,8 @@ from typing import Any
 
 from persid._dyadics import exact
 from persid_check.ledger import FORMAT as LEDGER
+from persid_check.ledger.assembly import assemble
+from persid_check.ledger.file import read_ledger
 from persid_check.model import Model, groups_of, model_of
 from persid_check.version_1.format import WORDS
 
@@ -81,6 +83,7 @@ class Claim:
     input_bound: Fraction
     outputs: tuple[Seen, ...]
     deviations: tuple[Spread, ...]
+    square: Fraction  # of the ball about x_ref that a practical claim leaves, without inputs
 
     @property
     def constant_supply(self) -> Fraction:
@@ -129,7 +132,15 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
         exact(content.get("input_bound", (0, 0))),
         tuple(_seen(content)),
         tuple(_spread(each) for each in content.get("deviations", ())),
+        _square(content) if kind == "practical" else _ZERO,
     )
+
+
+def _square(content: Mapping[str, Any]) -> Fraction:
+    """Return (max(c_0 + kappa e_V, 0) / kappa + o_V) / p."""
+    ledger = read_ledger(content)
+    matrices = assemble(ledger)
+    return (max(matrices.supply / ledger.kappa + matrices.above, _ZERO) + matrices.below) / ledger.p
 
 
 def _spread(stored: Mapping[str, Any]) -> Spread:
@@ -167,6 +178,8 @@ def _points(content: Mapping[str, Any]) -> Iterator[Part]:
             used[p][k] = used[p].get(k, _ZERO) + exact(mu)
     facts = content["facts"]
     pairs = [(p, k) for p, *ks, _ in (*facts["value"], *facts.get("slope", ())) for k in ks]
+    products = [(p, content["curves"][content["points"][p]["curve"]]["products"][i]) for p, i, _ in facts["constant"]]
+    pairs += [(p, k) for p, product in products for k in product[:2]]
     pairs += [pair for p, k, q, j, _ in facts["one_signed"] for pair in ((p, k), (q, j))]
     pairs += [(point, form) for p, q, _, k, j, _ in facts["difference"] for point in (p, q) for form in (k, j)]
     for p, k in pairs:

@@ -18,10 +18,11 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import heading
 from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
 from persid.certificates.outputs import described, with_constants
-from persid.certificates.partitions import cuts_of
+from persid.certificates.partitions import cuts_of, cuts_of_product
 from persid.certificates.stability import largest
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point, steepness
+from persid.lyapunov.practical import Rough
 from persid.lyapunov.proposals import Proposal
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
@@ -58,6 +59,7 @@ def _content(
     frame, n = proposal.frame, proposal.frame.n
     regional = any(each.curve.domain is not None for each in frame.points) or bool(strips)
     claim = "region" if regional else "rate-and-gain" if proposal.kappa else "iss"
+    claim = "practical" if isinstance(frame, Rough) else claim
     curves, points, facts = _written(proposal)
     absent = [c for c in range(len(frame.model.channels)) if c not in frame.places]
     for c in absent:
@@ -175,6 +177,10 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any
                 facts.setdefault(kind, []).append([p, at[p][k], at[p][j], dyadic(value)])
             case ("one_signed", p, k, q, j):
                 facts["one_signed"].append([p, at[p][k], q, at[q][j], dyadic(value)])
+            case ("constant", p, k, j):
+                c = Fraction(frame.constants[p, k, j]) if isinstance(frame, Rough) else Fraction(0)
+                listed = curves.add(points[p]["curve"], (at[p][k], at[p][j], c))
+                facts["constant"].append([p, listed, dyadic(value)])
             case ("difference", p, q, sign, k, j):
                 facts["difference"].append([p, q, sign, at[p][k], at[p][j], dyadic(value)])
     return curves, points, facts
@@ -185,7 +191,7 @@ def _uses(label: tuple[Any, ...]) -> list[tuple[int, int, tuple[str, ...]]]:
     match label:
         case ("mu", p, k):
             return [(p, k, SECTOR)]
-        case ("value", p, k, j):
+        case ("value" | "constant", p, k, j):
             return [(p, k, SECTOR), (p, j, SECTOR)]
         case ("one_signed", p, k, q, j):
             return [(p, k, ("one-signed",)), (q, j, ("one-signed",))]
@@ -200,6 +206,9 @@ def _use(point: Point, k: int, kinds: tuple[str, ...], density: bool, sloped: bo
     known = point.forms[k]
     form = tuple(Fraction(v) for v in known.form)
     square = Fraction(known.square) if sloped else Fraction(0)
+    if known.kind == "offset":
+        c = Fraction(known.c) if density else None
+        return Use(form, c, kinds=("offset",), offset=Fraction(known.offset), e=Fraction(known.e))
     return Use(form, Fraction(known.c), Fraction(known.d), False, kinds, square) if density else Use(form, kinds=kinds)
 
 
@@ -213,6 +222,35 @@ def proved(point: Point) -> Point:
     """Return the point with what is proved of its forms: others leave it, constants that are not proved weaken."""
     curve = curve_of(point)
     return replace(point, forms=tuple(found for form in point.forms if (found := _proved(curve, form)) is not None))
+
+
+def proved_far(frame: Rough) -> Rough:
+    """Return a frame with the forms that are proved to have their offsets; what is no density then is none."""
+    points = []
+    for point in frame.points:
+        curve = curve_of(point)
+        forms = (form if form.kind != "offset" else _proved_far(curve, form) for form in point.forms)
+        points.append(replace(point, forms=tuple(form for form in forms if form is not None)))
+    found = replace(frame, points=tuple(points))
+    return replace(found, constants={place: c for place, c in found.constants_seen.items() if _holds(found, place, c)})
+
+
+@lru_cache(maxsize=8192)
+def _proved_far(curve: Curve, known: Known) -> Known | None:
+    form = tuple(Fraction(v) for v in known.form)
+    if cuts_of(curve.lemma(form, "offset", allowance=Fraction(known.offset)), None) is None:
+        return None
+    if not np.isfinite(known.c):
+        return known
+    upper = curve.lemma(form, "upper", c=Fraction(known.c), allowance=Fraction(known.e))
+    return known if cuts_of(upper, None) is not None else replace(known, c=np.nan, e=0.0)
+
+
+def _holds(frame: Rough, place: tuple[int, int, int], c: float) -> bool:
+    p, k, j = place
+    point = frame.points[p]
+    first, second = (tuple(Fraction(v) for v in point.forms[i].form) for i in (k, j))
+    return cuts_of_product(curve_of(point).product(first, second, Fraction(c))) is not None
 
 
 def with_squares(point: Point) -> Point:

@@ -11,7 +11,7 @@ import numpy as np
 from persid._dyadics import exact, is_dyadic
 from persid._files import Json
 from persid.certificates.encoding import factor, root
-from persid.certificates.partitions import cuts_of, cuts_of_continuity
+from persid.certificates.partitions import cuts_of, cuts_of_continuity, cuts_of_product
 from persid.errors import RoundingError
 from persid_check.exact import Matrix, diagonal, is_large
 from persid_check.expression import parse
@@ -19,6 +19,7 @@ from persid_check.ledger import FORMAT
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.lemmas import Cuts, Lemma
+from persid_check.ledger.lemmas import Product as ProductLemma
 from persid_check.model import Group, Model, groups_of, model_of
 from persid_check.reading import MAX_FORMS
 from persid_check.version_1.format import WORDS
@@ -30,6 +31,7 @@ SPANNING = ("rising", "growing", *SECTOR)
 INTEGRABLE = (*SECTOR, "offset")
 Form = tuple[Fraction, ...]
 Row = Mapping[int, Fraction]
+Product = tuple[int, int, Fraction]  # forms k and j of a curve, and the constant of their product
 
 
 def dyadic(number: Fraction) -> list[int]:
@@ -55,7 +57,8 @@ def written_cuts(cuts: Cuts) -> list[Any]:
 class Use:
     """A form as a point uses it: c and d of its integral where it is a density, `spans` where it has to grow.
 
-    `square` is the d of a bound by its own square. `kinds` are those that will do, the one that says most first.
+    `square` is the d of a bound by its own square, `offset` and `e` are those of practical stability. `kinds` are those
+    that will do, the one that says most first.
     """
 
     form: Form
@@ -64,6 +67,8 @@ class Use:
     spans: bool = False
     kinds: tuple[str, ...] = SECTOR
     square: Fraction = _ZERO
+    offset: Fraction = _ZERO
+    e: Fraction = _ZERO
 
     @property
     def below(self) -> tuple[Fraction, Form] | None:
@@ -89,8 +94,8 @@ class Curve:
             centre = (self.shift[0] - self.shift[1], self.shift[0] + self.shift[1])
         return Lemma(functions, form, kind, centre, **numbers)
 
-    def written(self, uses: Sequence[Use]) -> Json:
-        """Return the curve's object with these forms, with partitions.
+    def written(self, uses: Sequence[Use], products: Sequence[Product]) -> Json:
+        """Return the curve's object with these forms and products with constants, with partitions.
 
         Raises:
             RoundingError: a lemma is not proved.
@@ -104,9 +109,10 @@ class Curve:
         forms: list[Json] = []
         extra: list[Json] = []
         for use in uses:
-            entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else use.kinds))
+            entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else use.kinds, use.offset))
+            entry["offset"] = dyadic(use.offset)
             if use.c is not None:
-                entry["upper"] = self._upper(use.form, entry["is"], use.c)
+                entry["upper"] = self._upper(use.form, entry["is"], use.c, use.e)
             if use.below:
                 d, below = use.below
                 entry["lower"] = [dyadic(d), len(uses) + len(extra)]
@@ -118,8 +124,18 @@ class Curve:
             "domain": None if self.domain is None else [dyadic(v) for v in self.domain],
             "continuous": written_cuts(continuous),
             "forms": forms + extra,
-            "products": [],
+            "products": [self._product([use.form for use in uses], *product) for product in products],
         }
+
+    def _product(self, forms: Sequence[Form], k: int, j: int, c: Fraction) -> list[Any]:
+        cuts = cuts_of_product(self.product(forms[k], forms[j], c))
+        if cuts is None:
+            raise RoundingError(f"no proof of a product with the constant {float(c)}")
+        return [k, j, dyadic(c), written_cuts(cuts)]
+
+    def product(self, k: Form, j: Form, c: Fraction) -> ProductLemma:
+        """Return the statement that the product of two forms is at least -c."""
+        return ProductLemma(tuple((parse(text), alpha) for text, alpha in self.functions), (k, j), c)
 
     def holds_about_any(self, use: Use) -> bool:
         """Whether the form is nondecreasing and its bounds follow from that: then the centre plays no part."""
@@ -136,21 +152,21 @@ class Curve:
     def _rises(self, form: Form) -> bool:
         return cuts_of(self.lemma(form, "nondecreasing"), self.domain) is not None
 
-    def _kind(self, form: Form, kinds: Sequence[str]) -> tuple[str, Cuts]:
+    def _kind(self, form: Form, kinds: Sequence[str], offset: Fraction = _ZERO) -> tuple[str, Cuts]:
         for kind in kinds:
-            cuts = cuts_of(self.lemma(form, kind), self.domain)
+            cuts = cuts_of(self.lemma(form, kind, allowance=offset), self.domain)
             if cuts is not None:
                 return kind, cuts
         raise RoundingError(f"no proof of the form {[float(v) for v in form]}")
 
-    def _upper(self, form: Form, kind: str, c: Fraction) -> list[Any]:
+    def _upper(self, form: Form, kind: str, c: Fraction, e: Fraction = _ZERO) -> list[Any]:
         free = kind in ("nondecreasing", "rising") and c >= 1
         if free or (not any(form[1:]) and c >= Fraction(1, 2)):
             return [dyadic(c), [0, 0], None]
-        cuts = cuts_of(self.lemma(form, "upper", c=c), self.domain)
+        cuts = cuts_of(self.lemma(form, "upper", c=c, allowance=e), self.domain)
         if cuts is None:
             raise RoundingError(f"no proof of the bound {float(c)} of the integral of {[float(v) for v in form]}")
-        return [dyadic(c), [0, 0], written_cuts(cuts)]
+        return [dyadic(c), dyadic(e), written_cuts(cuts)]
 
     @staticmethod
     def _written(form: Form, kind: str, cuts: Cuts) -> Json:
@@ -164,6 +180,7 @@ class Curves:
 
     found: list[tuple[Curve, dict[Use, int]]] = field(default_factory=list)
     places: dict[Curve, int] = field(default_factory=dict)
+    products: dict[int, list[Product]] = field(default_factory=dict)
 
     def place(self, curve: Curve, uses: Sequence[Use]) -> tuple[int, list[int]]:
         """Return the number of a curve, and those of its forms that are meant."""
@@ -178,7 +195,13 @@ class Curves:
 
     def written(self) -> list[Json]:
         """Return the objects of the curves."""
-        return [curve.written(list(uses)) for curve, uses in self.found]
+        return [curve.written(list(uses), self.products.get(i, ())) for i, (curve, uses) in enumerate(self.found)]
+
+    def add(self, i: int, product: Product) -> int:
+        """Add a product to a curve, and return its number there."""
+        listed = self.products.setdefault(i, [])
+        listed.append(product)
+        return len(listed) - 1
 
 
 def as_ledger(content: Json, deviations: Sequence[Json] = (), outputs: Mapping[str, object] | None = None) -> Json:

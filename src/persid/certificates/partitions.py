@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from persid_check.enclosure import UndefinedError, between, value
 from persid_check.expression import kinks
-from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, variable
+from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, Product, variable
 
 GERMS = tuple(Fraction(2) ** k for k in (20, 8, 6, 4, 3, 2, 1, 0, -1, -2, -3, -4, -6, -8, -12, -18, -24))
 TAILS = tuple(Fraction(2) ** k for k in (3, 5, 8, 12, 20))
@@ -142,6 +142,27 @@ def _hinges(functions: Functions) -> list[Fraction]:
     """Return where hinges lie; a cut is a dyadic, so one that is none is left to bisection."""
     found = (t / alpha for program, alpha in functions for t in kinks(program))
     return [t for t in found if t.denominator & (t.denominator - 1) == 0]
+
+
+@lru_cache(maxsize=8192)
+def cuts_of_product(product: Product) -> Cuts | None:
+    """Return cuts on which the checker proves that a product is at least -c, None where none are found."""
+    ends = [next((Y for Y in TAILS if product.holds_beyond(Y, sign)), None) for sign in (-1, 1)]
+    if ends[0] is None or ends[1] is None:
+        return None
+    hinges = [t for t in _hinges(product.functions) if -ends[0] < t < ends[1]]
+    cuts, pieces = [-ends[0]], _powers(-ends[0], ends[1], [*hinges, _ZERO])[::-1]
+    while pieces:
+        lo, hi = pieces.pop()
+        if product.holds_on(lo, hi):
+            cuts.append(hi)
+            continue
+        middle = (lo + hi) / 2
+        lost = len(cuts) + len(pieces) > PIECES or hi - lo < (ends[0] + ends[1]) * FINEST
+        if lost or not product.holds_on(middle, middle):
+            return None
+        pieces += [(middle, hi), (lo, middle)]
+    return tuple(cuts)
 
 
 def cuts_of_continuity(functions: Functions, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:

@@ -48,10 +48,11 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--claim",
-    type=click.Choice(["strongest", "incremental"]),
+    type=click.Choice(["strongest", "incremental", "practical"]),
     default="strongest",
     show_default=True,
-    help="What is to be proved: the strongest that is found about the operating point, or bounds between any two runs.",
+    help="What is to be proved: the strongest that is found about the operating point, bounds between any two runs, or"
+    " where nothing stronger holds a ball about x_ref that every run comes into.",
 )
 @click.option(
     "--device",

@@ -162,16 +162,17 @@ def _feedback(margins: dict[str, float | None]) -> list[str]:
 
 def verdict_rows(verdict: "Verdict", asked: float | None = None) -> list[tuple[str, str]]:
     """Return the row of a verdict with its proved numbers; `asked` is the rate in 1/s that was asked for."""
-    from persid.verdicts.summary import plants, summarize, unrated
+    from persid.verdicts.summary import in_the_long_run, plants, summarize, unrated
     from persid.verdicts.verdict import Certified
 
     brief = summarize(verdict)
     if isinstance(verdict, Certified):
         proved = ", with proved rate and gain" if brief.rate is not None else ""
-        text = f"certified: input-to-state stable, {brief.scope}{proved}, {brief.seconds:.2g} s"
-        bounds = []
+        kind = "practically" if brief.claim == "practical" else "input-to-state"
+        text = f"certified: {kind} stable, {brief.scope}{proved}, {brief.seconds:.2g} s"
+        bounds = [in_the_long_run(verdict)] if brief.claim == "practical" else []
         if brief.rate is not None and brief.gain is not None:
-            bounds = [f"rate {_rate(brief.rate)}, gain {above(brief.gain)}"]
+            bounds += [f"rate {_rate(brief.rate)}, gain {above(brief.gain)}"]
         elif brief.rate is not None and brief.output_gains is not None:
             gains = ", ".join(f"{name} {above(gain)}" for name, gain in brief.output_gains.items())
             bounds = [f"rate {_rate(brief.rate)}, gain of {gains}"]

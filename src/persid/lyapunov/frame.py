@@ -156,7 +156,7 @@ class Frame:
 
     def _values(self) -> Iterator[Unknown]:
         for p, point in enumerate(self.points):
-            sectors = [k for k, form in enumerate(point.forms) if form.kind != "one-signed"]
+            sectors = [k for k, form in enumerate(point.forms) if form.kind in ("nondecreasing", "sector")]
             for k, j in combinations(sectors, 2):
                 yield self._fact(("value", p, k, j), *(point.reads(point.forms[i].form, self.places) for i in (k, j)))
 

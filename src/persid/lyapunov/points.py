@@ -42,7 +42,8 @@ Form = tuple[float, ...]
 class Known:
     """A candidate form: its kind, c and d of its integral; c is NaN where it is no density.
 
-    `square` is d of (d/2) g^2, a lower bound of the integral by the square of the form g itself.
+    `square` is d of (d/2) g^2, a lower bound of the integral by the square of the form g itself. Of the kind "offset",
+    which practical stability knows, the integral is at least -offset and at most e more than c y g.
     """
 
     form: Form
@@ -50,6 +51,8 @@ class Known:
     c: float = np.nan
     d: float = 0.0
     square: float = 0.0
+    offset: float = 0.0
+    e: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

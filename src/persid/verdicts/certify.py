@@ -27,10 +27,12 @@ from persid.verdicts.facts import by_facts, by_strips, frame_of, has_zero_rows
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log, Progress
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
+from persid.verdicts.practical import practically
 from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
-CLAIMS = ("strongest", "incremental")  # that may be asked for
+CLAIMS = ("strongest", "incremental", "practical")  # that may be asked for
+ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
 FULL_P_STATES = 50  # a full P is tried up to this many states
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
@@ -72,6 +74,8 @@ def certify(
         claim: "strongest" for what is tried above, the strongest first; the sentence of a certificate tells all that it
             proves. "incremental" for bounds that hold between any two solutions, so that every run forgets its start
             and each constant input has one equilibrium: fewer forms prove that, so that gains may be larger.
+            "practical" for a ball about x_ref, as small as is found, that every run comes into, where nothing stronger
+            is certified for all states: certificate.spread is its radius; many equilibria may lie in it.
         time_limit: seconds after which the search stops with what it has; with 0 nothing is simulated either.
         progress: is called with a line of text at each step.
         device: where the matrix inequalities are solved: "cpu", with NumPy and SciPy, or a device of PyTorch, such as
@@ -102,8 +106,8 @@ def certify(
         raise ModelError(f'gains is "joint" or "each", not {gains!r}')
     if claim not in CLAIMS:
         raise ModelError(f"claim is one of {', '.join(map(repr, CLAIMS))}, not {claim!r}")
-    if claim == "incremental" and not (isinstance(domain, str) and domain == "global"):
-        raise ModelError('claim="incremental" is about all states; leave domain at "global"')
+    if claim != "strongest" and not (isinstance(domain, str) and domain == "global"):
+        raise ModelError(f'claim="{claim}" is about all states; leave domain at "global"')
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
     arrays = arrays_on(device)
@@ -159,6 +163,8 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
         widest = _by_strips(asked, points, log)
         return widest if isinstance(widest, Certified) else _undecided(widest, asked, log)
     verdict = None if asked.box is not None else _global(asked, points, log)
+    if asked.claim == "practical" and not isinstance(verdict, Certified):
+        verdict = _practical(asked, verdict, log)
     if isinstance(verdict, Certified | Refuted):
         return verdict
     box = asked.model.domain if asked.box is None and asked.claim == "strongest" else asked.box
@@ -301,6 +307,18 @@ def _by_facts(asked: _Asked, setting: Setting, frame: Frame, log: Log) -> Certif
         found, fastest = by_facts(setting, frame, asked.rate, asked.each, log)
         outcome.append(_word(found))
     return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
+
+
+def _practical(asked: _Asked, verdict: Refuted | Failure | None, log: Log) -> Certified | Refuted | Failure | None:
+    """Certify that every run comes into a ball about x_ref, where the nominal input is u_ref; else keep the verdict."""
+    if isinstance(verdict, Refuted) and verdict.witness.kind in ESCAPES:
+        return verdict
+    if asked.model.is_discrete or asked.outputs is not None or (asked.u != asked.model.u_ref).any() or log.left() <= 0:
+        return verdict
+    with log.attempt("a ball about x_ref that every run comes into") as outcome:
+        answer = practically(asked.model, asked.each, log)
+        outcome.append(_word(answer))
+    return Certified(answer, tuple(log.attempts)) if isinstance(answer, Certificate) else verdict
 
 
 def _by_weights(asked: _Asked, log: Log) -> NetworkCertificate | Failure:

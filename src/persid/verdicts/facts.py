@@ -63,19 +63,20 @@ def by_facts(
     if best is None:
         if stable is None:
             return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE), None
-        return _proved(setting, stable, each, log), None
+        return certificate_of(setting, stable, each, log), None
     aim = min(max(best.kappa * Fraction(RATE_SHARE), Fraction(2 * ABOVE * (rate or 0.0))), best.kappa)
     gentle = smallest_gain(
         (feasible(frame, aim, log.left, across=True) if aim < best.kappa else None) or best, log.left
     )
-    found = _proved(setting, gentle, each, log)
-    fastest = _proved(setting, best, each, log) if gentle.kappa < best.kappa else None
+    found = certificate_of(setting, gentle, each, log)
+    fastest = certificate_of(setting, best, each, log) if gentle.kappa < best.kappa else None
     return found, fastest if isinstance(fastest, Certificate) else None
 
 
-def _proved(
+def certificate_of(
     setting: Setting, found: Candidate, each: bool, log: Log, outputs: OutputModel | None = None
 ) -> Certificate | Failure:
+    """Return the certificate of a candidate, or why it was lost in exact arithmetic."""
     try:
         log.progress("checking in exact arithmetic")
         return prove_facts(setting.model, found.proposal(), setting.point, each=each, outputs=outputs)
@@ -115,7 +116,7 @@ def by_strips(
             break
         found = enlarged(frame, kappa, within, log.left)
         if found is not None and (found.volume >= KEPT * best.volume or kappa == slowest):
-            answer = _proved(setting, found.candidate, each, log, outputs)
+            answer = certificate_of(setting, found.candidate, each, log, outputs)
             if isinstance(answer, Certificate):
                 return answer
             failure = answer

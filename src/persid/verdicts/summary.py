@@ -112,6 +112,8 @@ def in_the_long_run(verdict: Certified, unit: str = "s") -> str:
     """Return in one clause what a certificate says of every run, its numbers rounded outwards, rates per `unit`."""
     certificate = verdict.certificate
     start = "from every start in the certified region" if certificate.scope == "regional" else "from every start"
+    if isinstance(certificate, Certificate) and certificate.claim == "practical":
+        return f"{start} {_ball(certificate)}"
     if not certificate.model.m and not certificate.counts_b:
         speed = "" if certificate.rate is None else f", at {pace(certificate.rate, unit)} 1/{unit} at least"
         return f"{start} its state goes to x*{speed}"
@@ -121,6 +123,14 @@ def in_the_long_run(verdict: Certified, unit: str = "s") -> str:
         size = f"at most {above(certificate.gain)} times the largest |u - u*|"
         return f"{start}{sizes}, after transients its distance from x* is {size}"
     return f"{start} and under every bounded input its state stays bounded"
+
+
+def _ball(certificate: Certificate) -> str:
+    """Return in words the ball about x_ref that a practical claim speaks of."""
+    if certificate.counts_b:  # as an input it moves the ball by its gain
+        return "its state comes into a ball about x_ref that b and the inputs decide"
+    inputs = f" and {above(certificate.gain or 0.0)} times the largest |u - u_ref|" if certificate.model.m else ""
+    return f"its state comes into a ball about x_ref of radius {above(certificate.spread or 0.0)}{inputs}"
 
 
 def attempt_rows(verdict: Verdict) -> list[tuple[str, str, str]]:

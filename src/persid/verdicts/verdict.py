@@ -27,6 +27,11 @@ _GLOBAL = (
     "its state stays bounded, in the long run within a distance of the operating point that the inputs alone "
     "decide."
 )
+_PRACTICAL = (
+    "Certified: the model is practically stable, globally; from every initial state and for every bounded input its "
+    "state comes into a ball about x_ref, in the long run no farther from there than {} and what the inputs add. It is "
+    "not said that it comes to rest."
+)
 _WITHOUT_INPUTS = "Certified: the model is globally stable; from every initial state it goes to its operating point."
 
 
@@ -130,6 +135,8 @@ class Certified(_Verdict):
         proof = self.certificate
         if proof.scope == "regional":
             return _REGIONAL
+        if isinstance(proof, Certificate) and proof.claim == "practical":
+            return _PRACTICAL.format(above(proof.spread or 0.0))
         return _GLOBAL if proof.model.m or proof.counts_b else _WITHOUT_INPUTS
 
     def _figures(self) -> list[tuple[str, str]]:
