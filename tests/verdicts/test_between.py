@@ -60,7 +60,7 @@ def test_what_has_two_steady_responses_is_not_certified_between_solutions() -> N
 def test_a_claim_that_is_not_known_is_refused() -> None:
     """The claims are named in the error."""
     with pytest.raises(ps.PersidError, match="'strongest', 'incremental'"):
-        ps.certify(HARDENS, claim="practical")
+        ps.certify(HARDENS, claim="bounded")
 
 
 def test_the_claim_is_asked_for_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,6 +36,7 @@ ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  
 FULL_P_STATES = 50  # a full P is tried up to this many states
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
+PRACTICAL_STATES = 20  # a ball is sought up to this many states
 SLOPED = 20  # and slopes along solutions, the dearest, up to so many states and functions together
 FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 50 it takes five times as long
 
@@ -313,7 +314,9 @@ def _practical(asked: _Asked, verdict: Refuted | Failure | None, log: Log) -> Ce
     """Certify that every run comes into a ball about x_ref, where the nominal input is u_ref; else keep the verdict."""
     if isinstance(verdict, Refuted) and verdict.witness.kind in ESCAPES:
         return verdict
-    if asked.model.is_discrete or asked.outputs is not None or (asked.u != asked.model.u_ref).any() or log.left() <= 0:
+    if asked.model.is_discrete or asked.outputs is not None or (asked.u != asked.model.u_ref).any():
+        return verdict
+    if asked.model.n > PRACTICAL_STATES or log.left() <= 0:
         return verdict
     with log.attempt("a ball about x_ref that every run comes into") as outcome:
         answer = practically(asked.model, asked.each, log)
