@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from persid.measurements.recordings import Recordings as Recordings
     from persid.measurements.trajectories import Trajectories as Trajectories
     from persid.measurements.trajectory import Trajectory as Trajectory
+    from persid.models.descriptor import DescriptorModel as DescriptorModel
     from persid.models.equations import equations as equations
     from persid.models.exports.pysindy import from_pysindy as from_pysindy
     from persid.models.files import load_model as load_model
@@ -65,6 +66,7 @@ _HOMES = {
     "persid.verdicts.checking": ("check", "load_certificate"),
     "persid.certified_fits.identifier": ("CertifiedIdentifier",),
     "persid.certified_fits.outputs": ("OutputIdentifier",),
+    "persid.models.descriptor": ("DescriptorModel",),
     "persid.models.equations": ("equations",),
     "persid.lyapunov.operating_points": ("OperatingPoint", "find_operating_point"),
     "persid.errors": (
@@ -105,6 +107,7 @@ __all__ = [
     "Certified",
     "CertifiedIdentifier",
     "DataError",
+    "DescriptorModel",
     "Diagnosis",
     "Failed",
     "GeneratorError",

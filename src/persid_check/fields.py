@@ -8,6 +8,7 @@ from persid_check.results import FormatError
 FORMAT = "persid-model-1"
 FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
 CLOCK = ("time", "dt")  # of a model in discrete time
+ALGEBRAIC = "algebraic"  # of a model with equations: the names of its algebraic variables
 REQUIRED = {"format", "states", "terms", "B"}
 _ZERO = (0.0).hex()
 
@@ -44,6 +45,19 @@ def read_clock(data: Mapping[str, object]) -> dict[str, str]:
     if float.fromhex(step) <= 0:
         raise FormatError("model.dt", "a step in s is positive")
     return {"time": "discrete", "dt": step}
+
+
+def read_algebraic(data: Mapping[str, object], states: list[str]) -> dict[str, list[str]]:
+    """Return `algebraic` of a model with equations in canonical form, nothing for one without."""
+    if ALGEBRAIC not in data:
+        return {}
+    names = read_names("model.algebraic", data[ALGEBRAIC])
+    if not names:
+        raise FormatError("model.algebraic", "at least one name is needed; without equations the field is left out")
+    read_names("model.algebraic", [*states, *names])
+    if any(data.get(name) is not None for name in CLOCK):
+        raise FormatError("model.time", "a model with algebraic variables is in continuous time")
+    return {ALGEBRAIC: names}
 
 
 def read_vector(where: str, values: object, size: int) -> list[str]:

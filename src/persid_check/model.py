@@ -1,6 +1,7 @@
 """The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: its form, hash, groups.
 
-In discrete time the same right side is x+ - x_ref, x+ the state one step of `dt` later.
+In discrete time the same right side is x+ - x_ref, x+ the state one step of `dt` later. With algebraic variables, which
+come after the states, the last rows of the right side are equations: zero, instead of a derivative.
 """
 
 import hashlib
@@ -13,10 +14,12 @@ from typing import Any
 
 from persid_check.expression import ExpressionError, Program, is_linear, parse
 from persid_check.fields import (
+    ALGEBRAIC,
     CLOCK,
     FIELDS,
     FORMAT,
     REQUIRED,
+    read_algebraic,
     read_clock,
     read_matrix,
     read_names,
@@ -53,7 +56,8 @@ class Group:
 class Model:
     """A model with its linear terms merged into A0, exactly; every number stands for itself, no rounding.
 
-    `dt` is the length of a step in s in discrete time, None in continuous time.
+    `dt` is the length of a step in s in discrete time, None in continuous time. `algebraic` is how many of the
+    variables, the last ones, are algebraic: their rows are equations.
     """
 
     states: tuple[str, ...]
@@ -65,6 +69,12 @@ class Model:
     B: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
     dt: Fraction | None = None
+    algebraic: int = 0
+
+    @property
+    def order(self) -> int:
+        """Number of variables that have a derivative."""
+        return self.n - self.algebraic
 
     @property
     def is_discrete(self) -> bool:
@@ -81,7 +91,7 @@ class Model:
 
     @property
     def n(self) -> int:
-        """Number of states."""
+        """Number of variables: states, then algebraic ones."""
         return len(self.states)
 
     @property
@@ -108,13 +118,14 @@ def canonical_model(data: Mapping[str, object], folder: Path | None = None) -> d
         if model.n > sparse.FILLED_STATES:
             return model.form()
         data = sparse.filled(model)
-    refuse_fields("model", data, (*FIELDS, *CLOCK, "provenance"), REQUIRED)
+    refuse_fields("model", data, (*FIELDS, *CLOCK, ALGEBRAIC, "provenance"), REQUIRED)
     if data["format"] != FORMAT:
         raise FormatError("model.format", f'"{FORMAT}" is needed')
     states = read_names("model.states", data["states"])
     inputs = read_names("model.inputs", data.get("inputs") or [])
-    n, m = len(states), len(inputs)
-    if not 1 <= n <= MAX_STATES or m > MAX_STATES:
+    equations = read_algebraic(data, states)
+    n, m = len(states) + len(equations.get(ALGEBRAIC, ())), len(inputs)
+    if not states or n > MAX_STATES or m > MAX_STATES:
         raise FormatError("model.states", f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
     return {
         "format": FORMAT,
@@ -127,7 +138,7 @@ def canonical_model(data: Mapping[str, object], folder: Path | None = None) -> d
         "B": read_matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
         "b": read_vector("model.b", data.get("b"), n),
         "domain": None if data.get("domain") is None else read_matrix("model.domain", data["domain"], n, 2),
-    } | read_clock(data)
+    } | (equations or read_clock(data))
 
 
 def holds_objects(data: Mapping[str, object]) -> bool:
@@ -156,21 +167,25 @@ def sha256_of(form: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def read_model(data: Mapping[str, object], *, discrete: bool = False) -> Model:
+def read_model(data: Mapping[str, object], *, discrete: bool = False, algebraic: bool = False) -> Model:
     """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly; see `model_of`."""
-    return model_of(canonical_model(data), discrete=discrete)
+    return model_of(canonical_model(data), discrete=discrete, algebraic=algebraic)
 
 
-def model_of(form: Mapping[str, Any], *, discrete: bool = False) -> Model:
-    """Return the model of a canonical form; one in discrete time only to callers that say they know what to do with it.
+def model_of(form: Mapping[str, Any], *, discrete: bool = False, algebraic: bool = False) -> Model:
+    """Return the model of a canonical form; one in discrete time, or one with algebraic variables, only to callers that
+    say they know what to do with it.
 
     Raises:
-        FormatError: it is in discrete time, and the caller knows continuous time alone.
+        FormatError: it is one of these, and the caller knows differential equations alone.
     """
+    names = tuple(form.get(ALGEBRAIC, ()))
+    if names and not algebraic:
+        raise FormatError("model.algebraic", "nothing of this kind is proved of a model with algebraic variables")
     dt = Fraction(float.fromhex(form["dt"])) if form.get("time") == "discrete" else None
     if dt is not None and not discrete:
         raise FormatError("model.time", "nothing of this kind is proved of a model in discrete time")
-    n = len(form["states"])
+    n = len(form["states"]) + len(names)
     A0 = [[Fraction(value) for value in row] for row in _floats(form["A0"])]
     channels: list[Channel] = []
     for term in form["terms"]:
@@ -186,7 +201,8 @@ def model_of(form: Mapping[str, Any], *, discrete: bool = False) -> Model:
     x_ref, u_ref = (tuple(Fraction(float.fromhex(v)) for v in form[name]) for name in ("x_ref", "u_ref"))
     b = tuple(float.fromhex(v) for v in form["b"])
     rows = tuple(tuple(row) for row in A0)
-    return Model(tuple(form["states"]), tuple(form["inputs"]), x_ref, u_ref, rows, tuple(channels), B, b, dt)
+    variables, inputs = (*form["states"], *names), tuple(form["inputs"])
+    return Model(variables, inputs, x_ref, u_ref, rows, tuple(channels), B, b, dt, len(names))
 
 
 def groups(data: Mapping[str, object]) -> tuple[Group, ...]:

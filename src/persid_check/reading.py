@@ -182,20 +182,20 @@ def read_ball(where: str, value: object, model: Model, u: tuple[Fraction, ...] |
     return Ball(x, radius, read_dyadics(f"{where}.u", ball["u"], model.m) if u is None else u)
 
 
-def read_written(form: Any, *, discrete: bool = False) -> Model:
+def read_written(form: Any, *, discrete: bool = False, algebraic: bool = False) -> Model:
     """Return a model that stands in canonical form, every number written out: nothing else is expanded.
 
-    One in discrete time only to callers that know what to do with it.
+    One in discrete time, or with algebraic variables, only to callers that know what to do with it.
     """
     _refuse_unwritten(form)
     if canonical_model(form) != form:
         raise FormatError("model", "not in canonical form")
-    return model_of(form, discrete=discrete)
+    return model_of(form, discrete=discrete, algebraic=algebraic)
 
 
-def read_model(form: object, *, discrete: bool = False, longest: int = MAX_ENTRIES) -> Model:
+def read_model(form: object, *, discrete: bool = False, algebraic: bool = False, longest: int = MAX_ENTRIES) -> Model:
     """Return such a model, of a size that one matrix can have."""
-    model = read_written(form, discrete=discrete)
+    model = read_written(form, discrete=discrete, algebraic=algebraic)
     if model.n + len(model.channels) > longest:
         raise FormatError("model", f"more than {longest} states and channels")
     return model

@@ -70,10 +70,16 @@ def _own_names(letter: str, names: Sequence[str]) -> list[str]:
 
 
 def model_named(model: Model, sha256: str) -> str:
-    """Return a model in words: its states, how many inputs it has, and its hash."""
-    names = ", ".join(repr(name) for name in model.states[:SHOWN]) + (", ..." if model.n > SHOWN else "")
-    states = "state" if model.n == 1 else "states"
-    return f"the model with {states} {names} ({model.n}), {counted(model.m, 'input')} and SHA-256 {sha256}"
+    """Return a model in words: its states and algebraic variables, how many inputs it has, and its hash."""
+    sorts = _sort("state", model.states[: model.order])
+    if model.algebraic:
+        sorts += f", {_sort('algebraic variable', model.states[model.order :])}"
+    return f"the model with {sorts}, {counted(model.m, 'input')} and SHA-256 {sha256}"
+
+
+def _sort(what: str, names: Sequence[str]) -> str:
+    shown = ", ".join(repr(name) for name in names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
+    return f"{what}{'' if len(names) == 1 else 's'} {shown} ({len(names)})"
 
 
 def equilibrium(ball: Ball) -> str:

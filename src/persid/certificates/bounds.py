@@ -168,7 +168,7 @@ def lyapunov(claim: Claim, x: Float[ndarray, " n"]) -> Interval:
     model = claim.model
     star = [between(c - claim.radius, c + claim.radius) for c in claim.centre]
     dx = [constant(Fraction(float(v))) - s for v, s in zip(x, star, strict=True)]
-    from_ref = [s - constant(r) for s, r in zip(star, model.x_ref, strict=True)]
+    from_ref = [s - constant(r) for s, r in zip(star, model.x_ref, strict=False)]
     total = _quadratic(claim, [*dx, *(_rise(claim, c, dx, from_ref) for c in claim.inside)])
     for part in claim.parts:
         y = argument(part.row, dx)

@@ -7,6 +7,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,9 +20,11 @@ from persid.certificates.acceptance import accepted
 from persid.certificates.claims import Claim, claim_of
 from persid.certificates.encoding import encode, separated
 from persid.errors import ModelError, PersidError
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.sparse import archive
 from persid_check import companion, reading
+from persid_check.fields import ALGEBRAIC
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +97,10 @@ class Certificate:
         return content | {"model": reading.filled(content["model"], companion.read(self.arrays))}
 
     @cached_property
-    def model(self) -> PersidskiiModel:
-        """The model of which the certificate speaks."""
-        return PersidskiiModel.from_canonical(self.content["model"])
+    def model(self) -> Any:
+        """The model of which the certificate speaks: a PersidskiiModel, or a DescriptorModel."""
+        form = self.content["model"]
+        return (DescriptorModel if ALGEBRAIC in form else PersidskiiModel).from_canonical(form)
 
     @cached_property
     def stated(self) -> Claim:

@@ -63,7 +63,10 @@ class Spread:
 
 @dataclass(frozen=True)
 class Claim:
-    """The claim of a file in exact numbers; `x`, `radius` and `u` are None without a stated operating point."""
+    """The claim of a file in exact numbers; `x`, `radius` and `u` are None without a stated operating point.
+
+    Of a model with algebraic variables `x` are the states alone, and so are `parts` and `strips`.
+    """
 
     kind: str
     model: Model
@@ -98,21 +101,22 @@ class Claim:
     @property
     def centre(self) -> tuple[Fraction, ...]:
         """The middle of the ball in which x* lies."""
-        return tuple(self.model.x_ref) if self.x is None else self.x
+        return tuple(self.model.x_ref)[: self.model.order] if self.x is None else self.x
 
     @property
     def drops_states(self) -> bool:
         """Whether a state stands in V through functions alone."""
-        return any(i < self.model.n for i in self.dropped)
+        return any(i < self.model.order for i in self.dropped)
 
 
 def claim_of(content: Mapping[str, Any]) -> Claim:
     """Return what the object of a certificate claims, of either format."""
-    model, ledger = model_of(content["model"], discrete=True), content["format"] == LEDGER
+    model, ledger = model_of(content["model"], discrete=True, algebraic=True), content["format"] == LEDGER
     point, rows = content["operating_point"], content["P"]
-    x, radius, u = (None, _ZERO, None) if point is None else _ball(point)
+    x, radius, u = (None, _ZERO, None) if point is None else _ball(point, model.order)
     kind = content["claim"] if ledger else WORDS[content["claim"]]
     strips = _strips(content) if ledger else _box(content, x or tuple(model.x_ref), radius)
+    parts = _points(content) if ledger else _groups(content, model)
     return Claim(
         kind,
         model,
@@ -122,12 +126,12 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
         "diagonal" in rows,
         tuple(rows.get("channels", ())),
         tuple((exact(v),) for v in rows["diagonal"]) if "diagonal" in rows else _lower(rows["lower"]),
-        tuple(_points(content) if ledger else _groups(content, model)),
+        tuple(part for part in parts if _is_of_states(part.row, model)),
         _lower(content["gamma"]["lower"]) if isinstance(content["gamma"], dict) else exact(content["gamma"]),
         exact(content.get("kappa", (0, 0))),
         exact(content.get("p", (0, 0))),
         tuple(content["dropped"]),
-        tuple(strips),
+        tuple(strip for strip in strips if _is_of_states(strip[0], model)),
         exact(content.get("level", (0, 0))),
         exact(content.get("input_bound", (0, 0))),
         tuple(_seen(content)),
@@ -143,13 +147,17 @@ def _square(content: Mapping[str, Any]) -> Fraction:
     return (max(matrices.supply / ledger.kappa + matrices.above, _ZERO) + matrices.below) / ledger.p
 
 
+def _is_of_states(row: Row, model: Model) -> bool:
+    return all(i < model.order for i in row)
+
+
 def _spread(stored: Mapping[str, Any]) -> Spread:
     columns, C = (tuple(_row(row) for row in stored[name]) for name in ("columns", "C"))
     return Spread(columns, C, exact(stored["s"]), exact(stored["epsilon"]))
 
 
-def _ball(point: Mapping[str, Any]) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:
-    return _exact(point["x"]), exact(point["radius"]), _exact(point["u"])
+def _ball(point: Mapping[str, Any], order: int) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:
+    return _exact(point["x"])[:order], exact(point["radius"]), _exact(point["u"])
 
 
 def _exact(pairs: Sequence[Sequence[int]]) -> tuple[Fraction, ...]:

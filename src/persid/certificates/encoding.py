@@ -10,6 +10,7 @@ from numpy import ndarray
 
 from persid._files import Json
 from persid.errors import RoundingError
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 
 FORMAT = "persid-certificate-1"
@@ -20,7 +21,7 @@ BESIDE = 500_000  # numbers of the matrices of a file from which the large ones 
 LISTED = 10_000  # numbers of a matrix that is large then
 
 
-def heading(model: PersidskiiModel, claim: str, statement: str) -> Json:
+def heading(model: PersidskiiModel | DescriptorModel, claim: str, statement: str) -> Json:
     """Return how the file of a claim about a model begins."""
     return {
         "format": FORMAT,

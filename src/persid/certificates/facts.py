@@ -24,6 +24,7 @@ from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point, steepness
 from persid.lyapunov.practical import Rough
 from persid.lyapunov.proposals import Proposal
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid_check.ledger import FORMAT
@@ -36,8 +37,8 @@ Strip = tuple[dict[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 
 def prove_facts(
-    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip] = (), *,
-    each: bool = False, outputs: OutputModel | None = None,
+    model: PersidskiiModel | DescriptorModel, proposal: Proposal, point: OperatingPoint | None,
+    strips: Sequence[Strip] = (), *, each: bool = False, outputs: OutputModel | None = None,
 ) -> Certificate:  # fmt: skip
     """Return the certificate that the checker accepts: of a region where points have domains, else global.
 
@@ -54,20 +55,22 @@ def prove_facts(
 
 
 def _content(
-    model: PersidskiiModel, proposal: Proposal, point: OperatingPoint | None, strips: Sequence[Strip], each: bool
-) -> Json:
+    model: PersidskiiModel | DescriptorModel, proposal: Proposal, point: OperatingPoint | None,
+    strips: Sequence[Strip], each: bool,
+) -> Json:  # fmt: skip
     frame, n = proposal.frame, proposal.frame.n
     regional = any(each.curve.domain is not None for each in frame.points) or bool(strips)
     claim = "region" if regional else "rate-and-gain" if proposal.kappa else "iss"
     claim = "practical" if isinstance(frame, Rough) else claim
-    curves, points, facts = _written(proposal)
+    curves, points, facts, algebraic = _written(proposal)
     absent = [c for c in range(len(frame.model.channels)) if c not in frame.places]
     for c in absent:
         channel = frame.model.channels[c]
         place, _ = curves.place(_idle(channel.text, channel.row, point, frame.model.x_ref), ())
         row = [[i, dyadic(r)] for i, r in channel.row.items()]
         points.append({"curve": place, "row": row, "channels": [c], "densities": []})
-    zero = [n + c for c, at in frame.places.items() if at in proposal.zero]
+    zero = [i for i in range(n) if i in proposal.zero]
+    zero += [n + c for c, at in frame.places.items() if at in proposal.zero]
     draft = heading(model, claim, "The model is input-to-state stable.") | {
         "format": FORMAT,
         "operating_point": None if point is None else point.to_dict(),
@@ -87,6 +90,8 @@ def _content(
         "outputs": [],
         "proof": {"P": [], "M": [], "V": None},
     }
+    if frame.order < n:
+        draft["algebraic"] = algebraic
     return with_proof(draft | _numbers(draft, regional, each))
 
 
@@ -100,7 +105,7 @@ def _quadratic(proposal: Proposal) -> Json:
 def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     """Return gamma, p, and for a region the level and the bound of the inputs, that the matrices just allow."""
     ledger = read_ledger(draft)
-    matrices, n = assemble(ledger), ledger.model.n
+    matrices, n = assemble(ledger), ledger.model.order
     inputs = range(ledger.entries, ledger.entries + ledger.inputs)
     M, Pt = floats(matrices.M), floats(matrices.Pt)
     kept = [i for i in range(len(M)) if i not in inputs and i not in set(ledger.dropped)]
@@ -150,8 +155,8 @@ class _Used:
     densities: set[int]
 
 
-def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any]]]:
-    """Return the curves, the points and the facts of a file."""
+def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any]], Json]:
+    """Return the curves, the points, the facts of a file, and what it says of equations."""
     frame = proposal.frame
     used = [_Used({}, set()) for _ in frame.points]
     for label in proposal.values:
@@ -183,7 +188,33 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any
                 facts["constant"].append([p, listed, dyadic(value)])
             case ("difference", p, q, sign, k, j):
                 facts["difference"].append([p, q, sign, at[p][k], at[p][j], dyadic(value)])
-    return curves, points, facts
+    return curves, points, facts, _equations(proposal, at)
+
+
+def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:
+    """Return what a file says of equations."""
+    frame = proposal.frame
+    count = frame.n - frame.order
+    products = [
+        [label[1], at[label[1]][label[2]], at[label[1]][label[3]], dyadic(value)]
+        for label, value in proposal.values.items()
+        if label[0] == "solving" and len(label) == 4
+    ]
+    solvable = {"multipliers": _rows(proposal, "solving", count), "products": products, "proof": []}
+    return {"solvable": solvable, "equations": _rows(proposal, "equation", count), "bounds": []}
+
+
+def _rows(proposal: Proposal, name: str, count: int) -> list[Any]:
+    """Return the rows of multipliers of so many equations."""
+    frame, rows = proposal.frame, [list[Any]() for _ in range(count)]
+    channels = {at: frame.n + c for c, at in frame.places.items()}
+    ahead = frame.n + len(frame.model.channels) - frame.entries
+    for label, value in proposal.values.items():
+        if label[0] == name and len(label) == 3:
+            i = label[2]
+            place = i if i < frame.n else channels.get(i, i + ahead)
+            rows[label[1]].append([place, dyadic(value)])
+    return [sorted(row) for row in rows]
 
 
 def _uses(label: tuple[Any, ...]) -> list[tuple[int, int, tuple[str, ...]]]:
@@ -195,7 +226,7 @@ def _uses(label: tuple[Any, ...]) -> list[tuple[int, int, tuple[str, ...]]]:
             return [(p, k, SECTOR), (p, j, SECTOR)]
         case ("one_signed", p, k, q, j):
             return [(p, k, ("one-signed",)), (q, j, ("one-signed",))]
-        case ("slope", p, k, j):
+        case ("slope", p, k, j) | ("solving", p, k, j):
             return [(p, k, RISING), (p, j, RISING)]
         case ("difference", p, q, _, k, j):
             return [(p, k, RISING), (p, j, RISING), (q, k, RISING), (q, j, RISING)]

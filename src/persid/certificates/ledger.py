@@ -16,10 +16,12 @@ from persid.errors import RoundingError
 from persid_check.exact import Matrix, diagonal, is_large
 from persid_check.expression import parse
 from persid_check.ledger import FORMAT
-from persid_check.ledger.assembly import assemble
+from persid_check.ledger.algebraic import bounded_points, form_of_differences, form_of_room
+from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.lemmas import Cuts, Lemma
 from persid_check.ledger.lemmas import Product as ProductLemma
+from persid_check.ledger.values import Ledger
 from persid_check.model import Group, Model, groups_of, model_of
 from persid_check.reading import MAX_FORMS
 from persid_check.version_1.format import WORDS
@@ -254,7 +256,7 @@ def as_ledger(content: Json, deviations: Sequence[Json] = (), outputs: Mapping[s
 def with_proof(draft: Json) -> Json:
     """Return a content with factors for its matrices."""
     ledger = read_ledger(draft)
-    matrices, n = assemble(ledger), ledger.model.n
+    matrices, n = assemble(ledger), ledger.model.order
     kept = [i for i in range(matrices.M.height) if i not in set(ledger.dropped)]
     states = [i for i in kept if i < n]
     values = list(range(n, matrices.Pt.height))  # of functions, which V reads
@@ -265,7 +267,21 @@ def with_proof(draft: Json) -> Json:
         "M": shortest(floats(matrices.M.kept(kept, kept))),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
-    return draft | {"proof": proof}
+    return draft | {"proof": proof} | _with_algebraic(draft, ledger, matrices)
+
+
+def _with_algebraic(draft: Json, ledger: Ledger, matrices: Assembly) -> Json:
+    """Return what is said of equations with factors, nothing of a model without them."""
+    said = ledger.algebraic
+    if said is None:
+        return {}
+    written = draft["algebraic"]
+    solvable = {**written["solvable"], "proof": factor(floats(form_of_differences(ledger, said)))}
+    places = zip(bounded_points(ledger), said.bounds, written["bounds"], strict=False)
+    bounds = [
+        {**entry, "proof": factor(floats(form_of_room(ledger, p, bound, matrices)))} for p, bound, entry in places
+    ]
+    return {"algebraic": {**written, "solvable": solvable, "bounds": bounds}}
 
 
 def shortest(M: np.ndarray) -> list[list[int]] | Json:

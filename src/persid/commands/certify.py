@@ -19,7 +19,7 @@ from persid.commands.exit_codes import (
     attempt_rows,
     named_gains,
     question,
-    read_model,
+    read_any_model,
     refuse_unwritable,
     uninterrupted,
     verdict_rows,
@@ -27,6 +27,7 @@ from persid.commands.exit_codes import (
 from persid.commands.options import FILE, NEW_FILE, Numbers, batching, proving, talking
 
 if TYPE_CHECKING:
+    from persid.models.descriptor import DescriptorModel
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
     from persid.verdicts.batches import Answer
@@ -111,7 +112,7 @@ def certify(
         raise click.UsageError("--plant goes with one model")
     asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains, "claim": claim}
     asked |= {"device": device}
-    alone = read_model(models[0]) if len(models) == 1 else None
+    alone = read_any_model(models[0]) if len(models) == 1 else None
     beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
     for target in (*targets, *filter(None, beside)):
         refuse_unwritable(target)
@@ -152,7 +153,7 @@ def _told(
     brief = summarize(verdict)
     if was_interrupted(verdict):
         return brief.to_dict(), verdict_rows(verdict), INTERRUPTED
-    written = _write_proof(verdict, read_model(path), target)
+    written = _write_proof(verdict, read_any_model(path), target)
     facts = {**brief.to_dict(), "file": written}
     if gains := named_gains(verdict):
         facts["gains"] = gains
@@ -206,7 +207,9 @@ def _targets(models: Sequence[Path], output: Path) -> list[Path]:
     return [output.with_name(name) for name in names]
 
 
-def _write_proof(verdict: "Verdict", model: "PersidskiiModel | OutputModel", target: Path) -> str | None:
+def _write_proof(
+    verdict: "Verdict", model: "PersidskiiModel | OutputModel | DescriptorModel", target: Path
+) -> str | None:
     """Write the proof of a verdict and return its path; remove a certificate of another model of that name.
 
     That no certificate of some family exists is written too, but never over a certificate of this model.
@@ -250,7 +253,7 @@ def _write_plants(verdict: Any, target: Path) -> str | None:
     return str(target)
 
 
-def _is_certificate_of(model: "PersidskiiModel | OutputModel", path: Path) -> bool:
+def _is_certificate_of(model: "PersidskiiModel | OutputModel | DescriptorModel", path: Path) -> bool:
     """Whether a file says that it is a certificate of stability of this model."""
     from persid.certificates.claims import STABILITY
 

@@ -14,6 +14,7 @@ from persid._text import SECONDS, above, below, pace
 from persid.errors import DataError, ModelError, PersidError
 
 if TYPE_CHECKING:
+    from persid.models.descriptor import DescriptorModel
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
     from persid.verdicts.verdict import Certified, Verdict
@@ -84,6 +85,17 @@ def kept(folder: Path) -> Iterator[Callable[[Any], None]]:
 
 
 def read_model(path: Path) -> "PersidskiiModel | OutputModel":
+    """Read a model without algebraic variables."""
+    from persid.models.descriptor import DescriptorModel
+
+    model = read_any_model(path)
+    if isinstance(model, DescriptorModel):
+        raise ModelError(f"{path}: it has algebraic variables; persid certify, check and simulate take such a model")
+    return model
+
+
+def read_any_model(path: Path) -> "PersidskiiModel | OutputModel | DescriptorModel":
+    """Read a model of any kind."""
     from persid.models.files import load_model
 
     try:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from persid.commands.console import Talk
-from persid.commands.exit_codes import DONE, read_model, refuse_unwritable, verdict_rows
+from persid.commands.exit_codes import DONE, read_any_model, refuse_unwritable, verdict_rows
 from persid.commands.options import FILE, NEW_FILE, SHELLS, simulating, talking
 
 
@@ -19,6 +19,8 @@ def simulate(
     model: Path, x0: list[float] | None, y_init: Path | None, output: Path, as_json: bool, quiet: bool, **inputs: Any
 ) -> int:
     """Simulate a model and write t, states (of an output model: outputs) and inputs as CSV.
+
+    Of a model with algebraic variables these are written behind the states.
 
     An output model starts from --x0, its latent state, or from the first measured outputs: --y-init names a file with
     their columns, whose rows belong to the first times.
@@ -34,7 +36,7 @@ def simulate(
     from persid.models.outputs import OutputModel
 
     talk = Talk(as_json, quiet, output)
-    subject = read_model(model)
+    subject = read_any_model(model)
     refuse_unwritable(output)
     with talk.progress() as progress:
         start = making.start(subject, x0, y_init, inputs["time"])

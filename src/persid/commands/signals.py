@@ -15,6 +15,7 @@ from persid._files import write_atomically
 from persid.errors import DataError, ModelError
 from persid.measurements.readers import read_csv
 from persid.measurements.trajectories import Trajectories
+from persid.models.descriptor import DescriptorModel
 from persid.models.functions import scalar_function
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
@@ -24,7 +25,7 @@ MOST_SAMPLES = 10_000_000
 
 
 def times_and_inputs(
-    model: PersidskiiModel,
+    model: PersidskiiModel | DescriptorModel,
     signals: Sequence[str],
     table: Path | None,
     time: str | None,
@@ -52,7 +53,10 @@ def times_and_inputs(
 
 
 def start(
-    model: PersidskiiModel | OutputModel, x0: Sequence[float] | None, y_init: Path | None, time: str | None
+    model: PersidskiiModel | OutputModel | DescriptorModel,
+    x0: Sequence[float] | None,
+    y_init: Path | None,
+    time: str | None,
 ) -> dict[str, Any]:
     """Return where a simulation starts: x0, or of an output model the outputs of the first rows of a table.
 
@@ -88,7 +92,7 @@ def _joined(parts: Sequence[Callable[[float], float]]) -> Callable[[float], Any]
 
 
 def _from_table(
-    model: PersidskiiModel, table: Path, time: str | None, t_end: float | None, dt: float | None
+    model: PersidskiiModel | DescriptorModel, table: Path, time: str | None, t_end: float | None, dt: float | None
 ) -> tuple[ndarray, ndarray]:
     """Hold each value of the table until the next one."""
     if not model.m:

@@ -6,12 +6,13 @@ With zeta = (x, s, v), x' = G zeta and half the gradient of V equal to E'zeta,
 
 Every unknown is a sum of pairs of rows, in M and in Pt, just as in `inequality`; a pair (p, q) stands for p q' + q p':
     P_ij: (e_i, -g_j - kappa/2 e_j) and its mirror image,     mu: (l'N, -r'G - kappa c r),     tau: (p, -q).
+An equation 0 = h'zeta of a model with algebraic variables has a multiplier for every entry of zeta: (e_i, -h).
 With slopes, P is over z = (x, values of functions) and zeta = (x, s, sigma, v), z' = (G zeta, sigma).
 Rows are kept as fractions: which of their products cancel is a question with an exact answer (`zero_rows`).
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, product
@@ -44,6 +45,8 @@ class Unknown:
 class Frame:
     """A model about a point: x' = G zeta over x, the channels of the points, and v, with the points.
 
+    Of a model with algebraic variables x are all variables, and the last rows of G are equations, 0 = H zeta.
+
     `lone` is 1 where the constant b is one more input. `between` solutions holds what is proved with V = x'P x and
     products of two nondecreasing forms at one point. `sloped`: V reads values of functions, and slopes along solutions
     make facts.
@@ -54,6 +57,7 @@ class Frame:
     lone: bool
     between: bool = False
     sloped: bool = False
+    solving: Mapping[tuple[Any, ...], Fraction] = field(default_factory=dict)  # why equations have one solution
 
     @property
     def monotone(self) -> "Frame":
@@ -66,8 +70,13 @@ class Frame:
 
     @property
     def n(self) -> int:
-        """Number of states."""
+        """Number of variables: states, then algebraic ones."""
         return self.model.n
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return self.model.order
 
     @cached_property
     def places(self) -> dict[int, int]:
@@ -84,7 +93,7 @@ class Frame:
     @property
     def z(self) -> list[int]:
         """The entries of zeta that P reads."""
-        return [*range(self.n), *(self.places[c] for c in self.slopes)]
+        return [*range(self.order), *(self.places[c] for c in self.slopes)]
 
     @property
     def entries(self) -> int:
@@ -129,9 +138,16 @@ class Frame:
     def unknowns(self, kappa: Fraction, *, across: bool) -> list[Unknown]:
         """Return P, densities and facts; those of two channels only `across`."""
         if self.between:
-            return [*self._quadratic(kappa), *self._values()]
+            return [*self._quadratic(kappa), *self._values(), *self._equations()]
         joint = self._across() if across else ()
-        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *joint, *self._slopes()]
+        known = (*self._values(), *joint, *self._slopes(), *self._equations())
+        return [*self._quadratic(kappa), *self._densities(kappa), *known]
+
+    def _equations(self) -> Iterator[Unknown]:
+        for h in range(self.order, self.n):
+            down = {j: -v for j, v in self.flow[h].items()}
+            for i in range(self.width):
+                yield Unknown(("equation", h - self.order, i), (({i: _ONE}, down),), multiplier=False)
 
     def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
         unit = {i: {i: _ONE} for i in self.z}
@@ -145,6 +161,8 @@ class Frame:
 
     def _densities(self, kappa: Fraction) -> Iterator[Unknown]:
         for p, point in enumerate(self.points):
+            if any(i >= self.order for i in point.row):
+                continue
             for k, form in enumerate(point.forms):
                 if np.isfinite(form.c) and any(form.form[1:]):
                     row, d = point.row, Fraction(form.d)
@@ -223,7 +241,7 @@ class Matrices:
         return np.array([self._size(each) for each in self.unknowns])
 
     def _size(self, unknown: Unknown) -> float:
-        if not unknown.multiplier:
+        if unknown.label[0] == "P":
             _, i, j = unknown.label
             return float((1 + (i == j)) / (self.units[i] * self.units[j]))
         return self.rate / (2 * sum(self._norm(a) * self._norm(b) for a, b in unknown.M) or 1.0)
@@ -262,10 +280,10 @@ class Matrices:
             for k, each in enumerate(more)
             for i, v in each
         ]
-        return _pairs([*pairs, *added], len(parts) + len(more), place, self.units)
+        return paired([*pairs, *added], len(parts) + len(more), place, self.units)
 
 
-def _pairs(
+def paired(
     pairs: Sequence[tuple[Row, Row, float, int]], count: int, place: dict[int, int], units: Float[ndarray, " w"]
 ) -> Problem:
     """Return pairs with weights and the unknowns that they belong to."""

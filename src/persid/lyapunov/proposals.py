@@ -82,7 +82,7 @@ class Candidate:
 
     def least(self, w: Float[ndarray, " W"]) -> float:
         """Return the largest p with V >= p |x|^2 by Pt, in the user's units; negative where Pt is not positive."""
-        n, Pt = self.frame.n, self.Pt(w)
+        n, Pt = self.frame.order, self.Pt(w)
         if np.linalg.eigvalsh(Pt[n:, n:]).min(initial=1.0) <= 0:
             return -1.0
         units = self.matrices.units[:n]
@@ -110,7 +110,7 @@ class Candidate:
         free = rounded(w * self.matrices.sizes[list(self.solvable.free)])
         y = self.solvable.exact([Fraction(float(v)) for v in free])
         values = {each.label: v for each, v in zip(self.solvable.unknowns, y, strict=True) if v}
-        return Proposal(self.frame, self.kappa, values, self.solvable.zero)
+        return Proposal(self.frame, self.kappa, values | dict(self.frame.solving), self.solvable.zero)
 
     def _without(self, share: float) -> ndarray | None:
         small = np.abs(self.w) < share * np.abs(self.w).max()
@@ -133,12 +133,12 @@ class Candidate:
 
 def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, Matrices] | None:
     """Return the unknowns of a frame at a rate and the matrices in good units; None where no V is left."""
-    solvable = reduced(frame.unknowns(kappa, across=across), frame.entries, frame.n)
+    solvable = reduced(frame.unknowns(kappa, across=across), frame.entries, frame.order)
     if solvable is None or (solvable.zero and frame.sloped):
         return None
     units = scaling(system_of(replace(frame, sloped=False)))
     kept = np.array([i for i in range(frame.entries) if i not in solvable.zero], int)
-    inputs, slopes = units.inputs[: frame.width - frame.entries], units.rate * units.entries[frame.z[frame.n :]]
+    inputs, slopes = units.inputs[: frame.width - frame.entries], units.rate * units.entries[frame.z[frame.order :]]
     every = np.concatenate([units.entries, slopes, inputs])
     matrices = Matrices(frame, solvable.unknowns, every, units.rate, kept)
     return solvable, matrices
@@ -166,7 +166,7 @@ def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Cand
     solvable, matrices = built
     candidate = Candidate(frame, kappa, solvable, matrices, np.zeros(len(solvable.free)))
     try:
-        plain = not (solvable.zero or frame.is_regional or frame.sloped)
+        plain = not (solvable.zero or frame.is_regional or frame.sloped or frame.order < frame.n)
         w = _priced(matrices, left) if plain else _centred(candidate, left)
         candidate = replace(candidate, w=w)
         return candidate if np.isfinite(candidate.gamma(w)) else None
@@ -237,7 +237,10 @@ def _first(candidate: Candidate) -> ndarray:
     if solvable.pivots:
         w = solvable.inside[list(solvable.free)] / sizes[list(solvable.free)]
     else:
-        w = np.array([1.0 if each.multiplier or each.label[1] == each.label[2] else 0.0 for each in solvable.unknowns])
+        squares = [bool(each.Pt) and each.label[1] == each.label[2] for each in solvable.unknowns]
+        w = np.array(
+            [each.multiplier or square for each, square in zip(solvable.unknowns, squares, strict=True)], float
+        )
     return np.asarray(START * w / np.linalg.norm(w))
 
 
@@ -265,7 +268,7 @@ def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
     if not len(inputs):
         return candidate
     gamma = candidate.gamma(candidate.w)
-    scale = np.append(matrices.units[: frame.n] ** 2, np.zeros(len(frame.slopes)))
+    scale = np.append(matrices.units[: frame.order] ** 2, np.zeros(len(frame.slopes)))
     start, size = candidate.w * 1.2 / candidate.least(candidate.w), 1.5 * max(gamma, 1e-12)
     N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
     M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * size) for i in inputs]], inputs=True)

@@ -67,10 +67,13 @@ def reduced(unknowns: Sequence[Unknown], entries: int, states: int) -> Solvable 
 
     `states` come first among the `entries`; their rows are kept, since V has to bound them.
     """
-    left = [each for each in unknowns if each.multiplier or each.Pt]
+    left = list(unknowns)
     while True:
         diagonals = [_diagonal(each, states, entries) for each in left]
-        risen = {i for each in diagonals for i, v in each.items() if v > 0}
+        risen = {
+            i for unknown, each in zip(left, diagonals, strict=True) for i, v in each.items()
+            if v > 0 or not unknown.multiplier
+        }  # fmt: skip
         zero = tuple(i for i in range(states, entries) if i not in risen)
         lowering = [any(v < 0 and i in zero for i, v in each.items()) for each in diagonals]
         left = [each for each, out in zip(left, lowering, strict=True) if not out]

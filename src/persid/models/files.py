@@ -6,11 +6,13 @@ from pathlib import Path
 
 from persid.errors import ModelError
 from persid.models import outputs
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
+from persid_check.fields import ALGEBRAIC
 
 
-def load_model(path: str | Path) -> PersidskiiModel | outputs.OutputModel:
-    """Read a model from `model.json`: a PersidskiiModel, or an OutputModel where the file holds one.
+def load_model(path: str | Path) -> PersidskiiModel | outputs.OutputModel | DescriptorModel:
+    """Read a model from `model.json`: a PersidskiiModel, or an OutputModel or a DescriptorModel where it holds one.
 
     Raises:
         ModelError: the file is not JSON, or not a model.
@@ -23,10 +25,16 @@ def load_model(path: str | Path) -> PersidskiiModel | outputs.OutputModel:
     """
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-        of_outputs = isinstance(data, Mapping) and data.get("format") == outputs.FORMAT
-        return (outputs.OutputModel if of_outputs else PersidskiiModel).from_dict(data, Path(path).parent)
+        return _kind(data).from_dict(data, Path(path).parent)
     except (ModelError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ModelError(f"{path}: {error}") from None
+
+
+def _kind(data: object) -> type[PersidskiiModel] | type[outputs.OutputModel] | type[DescriptorModel]:
+    """Return what an object holds."""
+    if isinstance(data, Mapping) and data.get("format") == outputs.FORMAT:
+        return outputs.OutputModel
+    return DescriptorModel if isinstance(data, Mapping) and ALGEBRAIC in data else PersidskiiModel
 
 
 def _refuse_constant(text: str) -> float:

@@ -12,6 +12,7 @@ from persid.measurements.readers import read_measurements
 from persid.measurements.readers.sources import sha256
 from persid.measurements.strides import strided
 from persid.measurements.trajectories import Trajectories
+from persid.models.descriptor import DescriptorModel
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
@@ -65,6 +66,8 @@ def read_results(folder: Path) -> Results:
     if not (folder / MODEL).is_file():
         raise FolderError(f"{folder}: there is no {MODEL}; give the folder that persid run has written (-o)")
     model = load_model(folder / MODEL)
+    if isinstance(model, DescriptorModel):
+        raise FolderError(f"{folder}: {MODEL} has algebraic variables, which no report is about yet")
     record = Record.load(folder)
     verdict = read_verdict(folder, model, record.attempts if record else ())
     if record is None:

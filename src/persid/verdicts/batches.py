@@ -11,6 +11,7 @@ from typing import Any
 
 from persid.errors import DataError
 from persid.measurements.engines import Cluster, Progress, make_engine, silent
+from persid.models.descriptor import DescriptorModel
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
@@ -41,7 +42,7 @@ class Failed:
 
 Answer = Verdict | Failed
 Numbered = Generator[tuple[int, Answer], None, None]
-Subject = PersidskiiModel | OutputModel | str | Path
+Subject = PersidskiiModel | OutputModel | DescriptorModel | str | Path
 
 
 def certify_many(

@@ -18,12 +18,13 @@ from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
 from persid.lyapunov.shifted_model import Setting, undefined
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
-from persid.verdicts.facts import by_facts, by_strips, frame_of, has_zero_rows
+from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log, Progress
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
@@ -42,7 +43,7 @@ FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 
 
 
 def certify(
-    model: PersidskiiModel | OutputModel,
+    model: PersidskiiModel | OutputModel | DescriptorModel,
     *,
     operating_point: object = "auto",
     u_op: object = None,
@@ -100,7 +101,6 @@ def certify(
     outputs = model if isinstance(model, OutputModel) else None
     if outputs is not None:
         refuse_steep_maps(outputs)
-    dynamics = model.dynamics if isinstance(model, OutputModel) else model
     if not time_limit >= 0:
         raise ModelError(f"time_limit is {time_limit!r}; needed are seconds, at least 0")
     if gains not in ("joint", "each"):
@@ -111,6 +111,14 @@ def certify(
         raise ModelError(f'claim="{claim}" is about all states; leave domain at "global"')
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
+    if isinstance(model, DescriptorModel):
+        if not (isinstance(domain, str) and domain == "global"):
+            raise ModelError('of a model with algebraic variables only global claims are sought: domain="global"')
+        if claim == "practical":
+            raise ModelError('no claim="practical" is sought of a model with algebraic variables')
+        log = Log(float(time_limit), progress or (lambda line: None))
+        return _of_equations(model, operating_point, u_op, rate, gains == "each", claim, log)
+    dynamics = model.dynamics if isinstance(model, OutputModel) else model
     arrays = arrays_on(device)
     log = Log(float(time_limit), progress or (lambda line: None))
     near, box = _near(dynamics, operating_point), _box(dynamics, domain)
@@ -125,6 +133,20 @@ def certify(
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
+        return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
+
+
+def _of_equations(
+    model: DescriptorModel, near: object, u_op: object, rate: float | int | None, each: bool, claim: str, log: Log
+) -> Verdict:
+    """Decide about a model with algebraic variables."""
+    from persid.verdicts.descriptors import certify_descriptor
+
+    u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
+    try:
+        with few_threads(model.n), np.errstate(all="ignore"):
+            return certify_descriptor(model, near, u, rate, each, claim, log)
+    except KeyboardInterrupt:
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
 
 
@@ -305,7 +327,7 @@ def _by_facts(asked: _Asked, setting: Setting, frame: Frame, log: Log) -> Certif
     """Certify with facts across channels, and with rows that are exactly zero; or with slopes along solutions, too."""
     what = "slopes along solutions" if frame.sloped else "facts across functions, rows that are zero"
     with log.attempt(what) as outcome:
-        found, fastest = by_facts(setting, frame, asked.rate, asked.each, log)
+        found, fastest = by_facts(About.of(setting), frame, asked.rate, asked.each, log)
         outcome.append(_word(found))
     return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import persid_check
 from persid.certificates.certificate import Certificate
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, companion, load
@@ -45,7 +46,7 @@ def _claim(data: bytes) -> object:
 
 def check(
     certificate: Certificate | NetworkCertificate | str | Path,
-    model: PersidskiiModel | OutputModel | str | Path | None = None,
+    model: PersidskiiModel | OutputModel | DescriptorModel | str | Path | None = None,
 ) -> Result:
     """Check a certificate or the file of one; with `model`, it must be the model that the certificate speaks of.
 
@@ -72,7 +73,7 @@ def check(
     return answer
 
 
-def _bytes(model: PersidskiiModel | OutputModel | str | Path | None) -> bytes | Path | None:
-    if isinstance(model, PersidskiiModel | OutputModel):
+def _bytes(model: PersidskiiModel | OutputModel | DescriptorModel | str | Path | None) -> bytes | Path | None:
+    if isinstance(model, PersidskiiModel | OutputModel | DescriptorModel):
         return json.dumps(model.to_dict()).encode("utf-8")
     return None if model is None else Path(model)

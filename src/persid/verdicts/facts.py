@@ -1,21 +1,26 @@
 """Searches with facts across channels, and with rows that are exactly zero, that end in a proof."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
 from persid.certificates.facts import prove_facts, proved, with_squares
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
+from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import points_of
 from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_gain
 from persid.lyapunov.shifted_model import Setting, place
 from persid.lyapunov.strips import Search, enlarged, of_linearisation
 from persid.lyapunov.system import scaling
 from persid.lyapunov.zero_rows import reduced
+from persid.models.descriptor import DescriptorModel
+from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
@@ -44,8 +49,22 @@ def has_zero_rows(frame: Frame) -> bool:
     return found is not None and bool(found.zero)
 
 
+@dataclass(frozen=True, eq=False)
+class About:
+    """What is certified: a model about a point (None: its reference), and its linearisation there, in 1/s."""
+
+    model: PersidskiiModel | DescriptorModel
+    point: OperatingPoint | None
+    jacobian: Float[ndarray, "n n"]
+
+    @classmethod
+    def of(cls, setting: Setting) -> "About":
+        """Return what a setting is about."""
+        return cls(setting.model, setting.point, setting.jacobian)
+
+
 def by_facts(
-    setting: Setting, frame: Frame, rate: float | int | None, each: bool, log: Log
+    about: About, frame: Frame, rate: float | int | None, each: bool, log: Log
 ) -> tuple[Certificate | Failure, Certificate | None]:
     """Certify with facts across channels and rows that are exactly zero: with rate and gain, or stability alone.
 
@@ -57,29 +76,29 @@ def by_facts(
     if frame.sloped:
         frame = replace(frame, points=tuple(map(with_squares, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
-    J = setting.jacobian
-    limit = setting.fastest if np.isfinite(J).all() else 0.0
+    J = about.jacobian
+    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
     best = None if stable is None else best_rate(frame, limit if limit > 0 else stable.speed, log.left)
     if best is None:
         if stable is None:
             return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE), None
-        return certificate_of(setting, stable, each, log), None
+        return certificate_of(about, stable, each, log), None
     aim = min(max(best.kappa * Fraction(RATE_SHARE), Fraction(2 * ABOVE * (rate or 0.0))), best.kappa)
     gentle = smallest_gain(
         (feasible(frame, aim, log.left, across=True) if aim < best.kappa else None) or best, log.left
     )
-    found = certificate_of(setting, gentle, each, log)
-    fastest = certificate_of(setting, best, each, log) if gentle.kappa < best.kappa else None
+    found = certificate_of(about, gentle, each, log)
+    fastest = certificate_of(about, best, each, log) if gentle.kappa < best.kappa else None
     return found, fastest if isinstance(fastest, Certificate) else None
 
 
 def certificate_of(
-    setting: Setting, found: Candidate, each: bool, log: Log, outputs: OutputModel | None = None
+    about: About, found: Candidate, each: bool, log: Log, outputs: OutputModel | None = None
 ) -> Certificate | Failure:
     """Return the certificate of a candidate, or why it was lost in exact arithmetic."""
     try:
         log.progress("checking in exact arithmetic")
-        return prove_facts(setting.model, found.proposal(), setting.point, each=each, outputs=outputs)
+        return prove_facts(about.model, found.proposal(), about.point, each=each, outputs=outputs)
     except (RejectedError, RoundingError) as error:
         return Failure(Reason.ROUNDING, str(error))
 
@@ -116,7 +135,7 @@ def by_strips(
             break
         found = enlarged(frame, kappa, within, log.left)
         if found is not None and (found.volume >= KEPT * best.volume or kappa == slowest):
-            answer = certificate_of(setting, found.candidate, each, log, outputs)
+            answer = certificate_of(About.of(setting), found.candidate, each, log, outputs)
             if isinstance(answer, Certificate):
                 return answer
             failure = answer

@@ -37,6 +37,10 @@ NOT_RISING = (
 )
 NO_DECAY = "The linearisation at the operating point is not exponentially stable."
 NO_STRIPS = "In discrete time a region is certified in a box: domain=[[lo, hi], …]."
+NOT_SOLVABLE = (
+    "It is not proved that the equations have exactly one solution for every state and input. A slope of a loop that "
+    "reaches 1 gives them several: change the algebraic part, or bound its functions' slopes."
+)
 NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."
 NO_MARGIN = (
     "The margin is zero or close to it. Where a fit left it small, a little more ridge usually decides it. Where the "

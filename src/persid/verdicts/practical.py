@@ -10,7 +10,7 @@ from persid.lyapunov.proposals import system_of
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import scaling
 from persid.models.model import PersidskiiModel
-from persid.verdicts.facts import certificate_of, frame_of
+from persid.verdicts.facts import About, certificate_of, frame_of
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
 
@@ -28,7 +28,7 @@ def practically(model: PersidskiiModel, each: bool, log: Log) -> Certificate | F
     for seen in smallest_balls(frame, scaling(system_of(frame)).rate, lambda: log.left() - reserve)[:PROVED]:
         far = proved_far(rough_frame(frame, seen.r))
         ball = ball_of(far, seen.r, seen.kappa, log.left)
-        answer = failure if ball is None else certificate_of(setting, ball.candidate, each, log)
+        answer = failure if ball is None else certificate_of(About.of(setting), ball.candidate, each, log)
         if isinstance(answer, Certificate):
             return answer
         failure = answer

@@ -1,8 +1,8 @@
 """The one matrix M and the bounds of V, assembled exactly from the model and the multipliers of the file.
 
-zeta = (x, s, v, w, sigma). Facts and densities are rows over eta = (y of each point, s): each costs as much as it has
-entries; then eta = N zeta, with y_p = r_p'x. Facts about slopes are such rows over eta', the derivative of eta along
-the solution, with y_p' = r_p'G zeta. Sections 3 to 5 of the specification.
+zeta = (x, s, v, w, sigma), with algebraic variables (z, s, v). Facts and densities are rows over eta = (y of each
+point, s): each costs as much as it has entries; then eta = N zeta, with y_p = r_p'x. Facts about slopes are such rows
+over eta', the derivative of eta along the solution, with y_p' = r_p'G zeta. Sections 3 to 5 of the specification.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,30 +38,48 @@ def assemble(ledger: Ledger) -> Assembly:
     """Return the matrices of a certificate."""
     P, gamma, flow = quadratic(ledger), gamma_matrix(ledger), flow_matrix(ledger)
     size, channels = flow.width + len(ledger.inside), len(ledger.model.channels)
-    rows, n = [point.row for point in ledger.points], ledger.model.n
-    z = [*range(n), *(n + c for c in ledger.inside)]  # where the entries of z stand in (x, s)
+    rows, n, order = [point.row for point in ledger.points], ledger.model.n, ledger.model.order
+    z = [*range(order), *(n + c for c in ledger.inside)]  # where the entries of z stand in (x, s)
     rise = _step_rise(P, flow, size) if ledger.model.is_discrete else _rise(_gradient(ledger, P, rows, z), ledger, flow)
     products = _lifted(_over_eta(_weighted(ledger)), rows, n, channels)
     share = (-diagonal([ledger.kappa] * P.height) * P).placed(z, size).T.placed(z, size)
-    loss = -rise + _padded(-products, size) + share + _bounds(ledger, gamma, size)
+    loss = -rise + padded(-products, size) + share + _bounds(ledger, gamma, size)
+    if ledger.algebraic is not None:
+        loss = loss + -equations(ledger, flow, ledger.algebraic.equations)
     if slopes := _over_eta(_weighted_slopes(ledger)):
         loss = loss + -_lifted(slopes, _rows_along(ledger, flow), flow.width, len(ledger.inside))
-    Pt = P + _lifted(_over_eta(_curvatures(ledger)), rows, n, len(ledger.inside))
+    below = _lifted(_over_eta(_curvatures(ledger)), rows, n, len(ledger.inside))
+    Pt = P + (below.kept(range(order), range(order)) if order < n else below)
     return Assembly(loss, P, Pt, gamma, *_offsets(ledger))
+
+
+def products_of(ledger: Ledger, facts: Sequence[Fact]) -> Matrix:
+    """Return the form 2 sum tau (l_k'Phi)(l_l'Phi) of some facts, over (z, s)."""
+    weighted = ((*_factors(ledger, fact), fact.tau) for fact in facts if fact.tau)
+    rows = [point.row for point in ledger.points]
+    return _lifted(_over_eta(weighted), rows, ledger.model.n, len(ledger.model.channels))
+
+
+def equations(ledger: Ledger, flow: Matrix, multipliers: Sequence[Row]) -> Matrix:
+    """Return the form 2 sum (n_i'zeta)(H_i zeta), which is zero where the equations H zeta = 0 hold (section 11)."""
+    order, n = ledger.model.order, ledger.model.n
+    half = _dense(multipliers, flow.width).T * flow.kept(range(order, n), range(flow.width))
+    return half + half.T
 
 
 def _rise(gradient: Matrix, ledger: Ledger, flow: Matrix) -> Matrix:
     """Return the form V' = 2 (x, s)'gradient (G zeta, sigma); `gradient` is (x, s) by z."""
-    n, k = ledger.model.n, len(ledger.inside)
+    order, k = ledger.model.order, len(ledger.inside)
+    flow = flow if order == ledger.model.n else flow.kept(range(order), range(flow.width))
     size = flow.width + k
-    half = gradient * blocks([[flow, zeros(n, k)], [zeros(k, flow.width), diagonal([1] * k)]])
+    half = gradient * blocks([[flow, zeros(order, k)], [zeros(k, flow.width), diagonal([1] * k)]])
     half = blocks([[half], [zeros(size - half.height, size)]])
     return half + half.T
 
 
 def _step_rise(P: Matrix, flow: Matrix, size: int) -> Matrix:
     """Return the form V(x+) - V(x) = zeta'G'P G zeta - x'P x of a step; P is over the states alone."""
-    return flow.T * P * flow + _padded(-P, size)
+    return flow.T * P * flow + padded(-P, size)
 
 
 def quadratic(ledger: Ledger) -> Matrix:
@@ -82,7 +100,7 @@ def symmetric(lower: Lower) -> Matrix:
 
 
 def flow_matrix(ledger: Ledger) -> Matrix:
-    """Return G = [A0, all a_c, B, L]: x' = G zeta, in discrete time x+ = G zeta."""
+    """Return G = [A0, all a_c, B, L]: x' = G zeta, in discrete time x+ = G zeta; its last rows may be equations."""
     model = ledger.model
     columns = [row for deviation in ledger.deviations for row in deviation.columns]
     lines: list[list[Number]] = []
@@ -107,6 +125,7 @@ def _gradient(ledger: Ledger, P: Matrix, rows: Sequence[Row], z: Sequence[int]) 
     n = ledger.model.n
     top = _dense(rows, n).T * _times_rows(rows, n, heads, first)
     own = blocks([[top], [_times_rows(rows, n, sides, len(ledger.model.channels))]])
+    own = own if ledger.model.order == n else own.kept(range(own.height), range(ledger.model.order))
     return P.placed(z, own.height) + blocks([[own, zeros(own.height, len(ledger.inside))]])
 
 
@@ -222,7 +241,7 @@ def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width:
     return blocks([[head, side.T], [side, scattered(channels, channels, ss)]])
 
 
-def _padded(part: Matrix, size: int) -> Matrix:
+def padded(part: Matrix, size: int) -> Matrix:
     """Return a leading block in a matrix of zeros."""
     side = zeros(part.height, size - part.height)
     return blocks([[part, side], [side.T, zeros(side.width, side.width)]])
@@ -244,7 +263,7 @@ def _bounds(ledger: Ledger, gamma: Matrix, size: int) -> Matrix:
     side = zeros(own, ledger.inputs)
     corner = blocks([[zeros(own, own), side], [side.T, gamma]]) + scattered(inside, inside, lines)
     side = zeros(inside, squares.width)
-    return _padded(blocks([[corner, side], [side.T, squares]]), size)
+    return padded(blocks([[corner, side], [side.T, squares]]), size)
 
 
 def _curvatures(ledger: Ledger) -> Iterator[Weighted]:

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from persid_check.definite import Root
 from persid_check.expression import MAX_LENGTH_WITH_TABLES, ExpressionError, Program, parse
+from persid_check.fields import ALGEBRAIC
 from persid_check.ledger import FORMAT
 from persid_check.ledger.lemmas import Cuts, positions
 from persid_check.ledger.values import (
+    Algebraic,
     Curve,
     Deviation,
     Fact,
@@ -23,6 +25,7 @@ from persid_check.ledger.values import (
     Outputs,
     Point,
     ProductForm,
+    Reach,
     Row,
     Upper,
 )
@@ -73,14 +76,19 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    data = read_object("file", data, (*FIELDS, COMPANION) if isinstance(data, dict) and COMPANION in data else FIELDS)
+    stated = data.get("model") if isinstance(data, dict) else None
+    equations = isinstance(stated, dict) and ALGEBRAIC in stated
+    companion = isinstance(data, dict) and COMPANION in data and not equations
+    data = read_object("file", data, (*FIELDS, *[COMPANION] * companion, *[ALGEBRAIC] * equations))
     if data["format"] != FORMAT:
         raise FormatError("format", f'"{FORMAT}" is needed')
+    if equations and (data["outputs"] != [] or data["deviations"] != []):
+        raise FormatError("outputs, deviations", "a model with algebraic variables has none here")
     claim = _one_of("claim", data["claim"], CLAIMS)
     read_text("statement", data["statement"], 5000)
     sha256 = read_text("model_sha256", data["model_sha256"], 64)
     form: Any = filled(data["model"], arrays or {})
-    model = read_model(form, discrete=True, longest=MAX_ENTRIES)
+    model = read_model(form, discrete=True, algebraic=True, longest=MAX_ENTRIES)
     n, m, entries = model.n, model.m, model.n + len(model.channels)
     ball = None if data["operating_point"] is None else read_ball("operating_point", data["operating_point"], model)
     v = m + (ball is None and any(model.b))
@@ -89,7 +97,7 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
         _point(f"points[{i}]", value, curves, model) for i, value in enumerate(_short("points", data["points"], 10000))
     )
     stored, inside = _inside(data["P"], len(model.channels))
-    diagonal, P = read_P(stored, n + len(inside))
+    diagonal, P = read_P(stored, model.order + len(inside))
     return Ledger(
         claim,
         sha256,
@@ -113,6 +121,7 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
         read_dyadic("input_bound", data["input_bound"]),
         _outputs(data["outputs"], form),
         _proof(data["proof"], arrays or {}),
+        _algebraic(data[ALGEBRAIC], curves, points, model, v) if equations else None,
     )
 
 
@@ -296,6 +305,43 @@ def _fact(where: str, kind: str, entry: list[Any], curves: Sequence[Curve], poin
     k = read_index(where, places[1], len(curves[points[p].curve].forms))
     l = read_index(where, places[2], len(curves[points[q].curve].forms))  # noqa: E741
     return Fact(kind, p, q, sign, k, l, read_nonnegative(where, tau))
+
+
+def _algebraic(
+    value: object, curves: Sequence[Curve], points: Sequence[Point], model: Model, v: int
+) -> Algebraic:  # fmt: skip
+    value = read_object(ALGEBRAIC, value, ("solvable", "equations", "bounds"))
+    solvable = read_object("algebraic.solvable", value["solvable"], ("multipliers", "products", "proof"))
+    entries = model.n + len(model.channels)
+
+    def rows(where: str, given: object, size: int) -> tuple[Row, ...]:
+        listed = read_list(where, given, model.algebraic)
+        return tuple(_row(f"{where}[{i}]", row, size) for i, row in enumerate(listed))
+
+    def facts(where: str, given: object) -> tuple[Fact, ...]:
+        listed = enumerate(read_list(where, given))
+        return tuple(
+            _fact(f"{where}[{i}]", "value", read_list(f"{where}[{i}]", row, 4), curves, points) for i, row in listed
+        )
+
+    def reach(where: str, given: object) -> Reach:
+        entry = read_object(where, given, ("equations", "value", "alpha", "beta", "proof"))
+        return Reach(
+            rows(f"{where}.equations", entry["equations"], entries + v),
+            facts(f"{where}.value", entry["value"]),
+            read_nonnegative(f"{where}.alpha", entry["alpha"]),
+            read_nonnegative(f"{where}.beta", entry["beta"]),
+            read_factor(f"{where}.proof", entry["proof"]),
+        )
+
+    bounds = enumerate(read_list("algebraic.bounds", value["bounds"]))
+    return Algebraic(
+        rows("algebraic.solvable.multipliers", solvable["multipliers"], entries),
+        facts("algebraic.solvable.products", solvable["products"]),
+        read_factor("algebraic.solvable.proof", solvable["proof"]),
+        rows("algebraic.equations", value["equations"], entries + v),
+        tuple(reach(f"algebraic.bounds[{i}]", entry) for i, entry in bounds),
+    )
 
 
 def _deviation(where: str, value: object, n: int, size: int) -> Deviation:

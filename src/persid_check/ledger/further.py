@@ -49,7 +49,7 @@ def is_incremental(ledger: Ledger) -> bool:
 
 def holds_everywhere(ledger: Ledger, kept: tuple[int, ...]) -> bool:
     """Whether nothing in the proof depends on the point."""
-    n = ledger.model.n
+    n = ledger.model.order
     if ledger.claim not in ("iss", "rate-and-gain") or not _only_values(ledger) or len([i for i in kept if i < n]) < n:
         return False
     return all(form.kind in RISING and _keeps_bounds(curve, form) for curve, form in _used(ledger))

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from persid_check.ledger.algebraic import bounded_points
 from persid_check.ledger.further import has_feedback, is_moved
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
@@ -30,7 +31,7 @@ def statement(ledger: Ledger, proved: Proved) -> str:
     if ledger.deviations:
         subject = f"every plant within the stated deviations of {subject}"
     first = f"{subject[0].upper()}{subject[1:]} is {_kind(ledger)} {_place(ledger)}."
-    parts = [first, *_estimate(ledger, proved)]
+    parts = [first, *_equations(ledger), *_estimate(ledger, proved)]
     if ledger.deviations:
         parts.append(_plants(ledger))
     if proved.everywhere:
@@ -41,6 +42,19 @@ def statement(ledger: Ledger, proved: Proved) -> str:
     if proved.incremental:
         parts.append(_between(ledger))
     return explained(" ".join(parts))
+
+
+def _equations(ledger: Ledger) -> list[str]:
+    """What is proved of the equations of a model with algebraic variables."""
+    if not ledger.model.algebraic:
+        return []
+    n = ledger.model.order
+    names = ", ".join(state_names(ledger.model.states)[n : n + SHOWN]) + (
+        ", ..." if ledger.model.algebraic > SHOWN else ""
+    )
+    if bounded_points(ledger):
+        return [f"For every x and u its equations have at most one solution {names} in the strips below."]
+    return [f"For every x and u its equations have exactly one solution {names}, which depends on them continuously."]
 
 
 def _between(ledger: Ledger) -> str:
@@ -133,9 +147,15 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     start = _clock(ledger).start
     sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
     sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
+    inside, stays = f"The set of x with {sides or 'no strip'} and V(x) <= {_one(ledger.level)} is invariant", ""
+    if bounded_points(ledger):
+        inside = (
+            f"The set of x with V(x) <= {_one(ledger.level)}, and the strip in those that read x alone, is invariant"
+        )
+        stays = f", of which exactly one solution keeps to the strips {sides}; for this one"
     return [
-        f"The set of x with {sides or 'no strip'} and V(x) <= {_one(ledger.level)} is invariant for inputs"
-        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {start} in it {bound}."
+        f"{inside} for inputs with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {start} in it"
+        f"{stays} {bound}."
     ]
 
 
@@ -269,7 +289,9 @@ def _towards_0(value: Fraction) -> str:
 def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     """Return the proof as short lines, in the order of the specification."""
     model, lines = ledger.model, []
-    size = (counted(model.n, "state"), counted(len(model.channels), "channel"), counted(ledger.inputs, "input"))
+    size = [counted(model.order, "state"), counted(len(model.channels), "channel"), counted(ledger.inputs, "input")]
+    if model.algebraic:
+        size.insert(1, counted(model.algebraic, "algebraic variable"))
     lines.append(f"1. The hash agrees; {', '.join(size)}.")
     if ledger.ball is not None:
         how = "Krawczyk's operator" if ledger.ball.radius else "Exact evaluation"
@@ -287,6 +309,10 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     lines.append(f"4. V = {z}'P {z} + {counted(densities, 'integral')}; V >= {z}'Pt {z}, Pt assembled exactly.")
     if ledger.inside:
         lines.append(f"4. z is x and {counted(len(ledger.inside), 'value')} of functions, each locally Lipschitz.")
+    if ledger.algebraic is not None:
+        products = counted(len(ledger.algebraic.products), "product")
+        lines.append(f"11. The equations have one solution: a form of differences, {products}, is positive definite.")
+        lines += ["11. Every row that reads an algebraic variable stays on its domain."] * bool(ledger.algebraic.bounds)
     if ledger.dropped:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")

@@ -9,6 +9,7 @@ from flint import nmod_mat
 from persid_check.definite import Definite, Root, proof_of, proves
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
+from persid_check.ledger.algebraic import prove_algebraic, refuse_densities
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.further import holds_everywhere, is_incremental
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
@@ -47,7 +48,10 @@ def prove(ledger: Ledger) -> Proved:
         _densities(ledger, p, point)
         _values(ledger, p, point)
     _domains(ledger)
+    refuse_densities(ledger)
     matrices = assemble(ledger)
+    if ledger.model.algebraic or ledger.algebraic is not None:
+        prove_algebraic(ledger, ledger.algebraic, matrices)
     kept = _rows_kept(ledger, matrices)
     if not proves(ledger.proof["M"], matrices.M.kept(kept, kept)):
         raise NotProvedError("proof.M", "the matrix inequality is not proved")
@@ -280,7 +284,7 @@ def _rows_kept(ledger: Ledger, matrices: Assembly) -> tuple[int, ...]:
 
 def _lyapunov(ledger: Ledger, matrices: Assembly, kept: tuple[int, ...]) -> None:
     """Pt - p I > 0; where states are dropped, P > 0 on the others, and they span with growing forms of V."""
-    n = ledger.model.n
+    n = ledger.model.order
     states = [i for i in kept if i < n]
     if len(states) < n and ledger.inside:
         raise NotProvedError("dropped", "where states are dropped P is over the states alone")
@@ -295,7 +299,7 @@ def _lyapunov(ledger: Ledger, matrices: Assembly, kept: tuple[int, ...]) -> None
 
 
 def _spanning(ledger: Ledger, states: list[int], P: Matrix) -> None:
-    n, dropped = ledger.model.n, set(ledger.dropped)
+    n, dropped = ledger.model.order, set(ledger.dropped)
     if ledger.claim != "iss":
         raise NotProvedError("dropped", "a state is dropped; only claim iss may do so")
     if any(P.entries[i, j] != 0 for i in dropped if i < n for j in range(n)):
@@ -368,7 +372,7 @@ def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
 
 
 def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
-    sides = strips(ledger)
+    sides = [(row, lo, hi) for row, lo, hi in strips(ledger) if all(i < ledger.model.order for i in row)]
     for (_, lo, hi), bound in zip(sides, bounding.bounds([row for row, *_ in sides]), strict=True):
         h = min(-lo, hi)
         if h <= 0:

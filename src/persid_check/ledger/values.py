@@ -154,6 +154,28 @@ class Outputs:
 
 
 @dataclass(frozen=True)
+class Reach:
+    """How far the row of a point may go: (r'z)^2 <= alpha V + beta |v|^2, by equations, facts and a proof."""
+
+    equations: tuple[Row, ...]
+    facts: tuple[Fact, ...]
+    alpha: Fraction
+    beta: Fraction
+    proof: Factor
+
+
+@dataclass(frozen=True)
+class Algebraic:
+    """What a file says of equations: why they have one solution, their multipliers, and how far points may go."""
+
+    solving: tuple[Row, ...]
+    products: tuple[Fact, ...]
+    proof: Factor
+    equations: tuple[Row, ...]
+    bounds: tuple[Reach, ...]
+
+
+@dataclass(frozen=True)
 class Ledger:
     """A certificate of format 2. `P` and `gamma` are lower rows; P has one entry a row where it is diagonal.
 
@@ -182,6 +204,7 @@ class Ledger:
     input_bound: Fraction
     outputs: Outputs | None
     proof: Mapping[str, Factor | Root]
+    algebraic: Algebraic | None = None
 
     @cached_property
     def inside_at(self) -> Mapping[int, int]:
@@ -195,8 +218,12 @@ class Ledger:
 
     @property
     def entries(self) -> int:
-        """Number of entries of (x, s)."""
+        """Number of entries of (x, s), with algebraic variables of (z, s)."""
         return self.model.n + len(self.model.channels)
+
+    def reads_algebraic(self, p: int) -> bool:
+        """Whether the row of point p reads an algebraic variable."""
+        return any(i >= self.model.order for i in self.points[p].row)
 
     @property
     def inputs(self) -> int:

@@ -1,0 +1,80 @@
+"""The verdict on a model with algebraic variables: its equations have one solution, and V falls along all runs."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.certificates.certificate import Certificate
+from persid.certificates.facts import proved
+from persid.errors import ModelError
+from persid.lyapunov.frame import Frame
+from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
+from persid.lyapunov.points import points_of
+from persid.lyapunov.shifted_model import place, undefined
+from persid.lyapunov.solvability import solving
+from persid.models.descriptor import DescriptorModel
+from persid.verdicts import failures as words
+from persid.verdicts.facts import About, by_facts
+from persid.verdicts.failures import Failure
+from persid.verdicts.log import Log
+from persid.verdicts.verdict import Certified, Reason, Undecided
+from persid_check.model import model_of
+
+
+def certify_descriptor(
+    model: DescriptorModel, near: object, u: Float[ndarray, " m"], rate: float | int | None, each: bool, claim: str,
+    log: Log,
+) -> Certified | Undecided:  # fmt: skip
+    """Return the verdict on a model about the equilibrium nearest to some variables ("auto": to its reference)."""
+    near = None if isinstance(near, str) and near == "auto" else _variables(model, near, u)
+    with log.attempt("equilibria at the nominal input") as outcome:
+        points = find_operating_point(model.rows, u, near=near)
+        outcome.append(f"{len(points)} found and proved")
+    if not points:
+        return _undecided(Failure(Reason.OUTSIDE, words.NO_POINT), log)
+    if missing := undefined(model.rows):
+        return _undecided(Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4]))), log)
+    point = None if _is_reference(model, points[0]) else points[0]
+    frame = _frame(model, point)
+    frame = frame.monotone if claim == "incremental" else frame
+    with log.attempt("equations that have one solution") as outcome:
+        values = solving(frame, log.left)
+        outcome.append("not proved" if values is None else "proved")
+    if values is None:
+        return _undecided(Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE), log)
+    with log.attempt("facts and equations") as outcome:
+        about = About(model, point, model.jacobian(points[0].x))
+        found, fastest = by_facts(about, replace(frame, solving=values), rate, each, log)
+        outcome.append(f"certified, {found.claim}" if isinstance(found, Certificate) else found.reason.name.lower())
+    if isinstance(found, Failure):
+        return _undecided(found, log)
+    return Certified(found, tuple(log.attempts), fastest)
+
+
+def _frame(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
+    """Return the frame of a model on all of R^n, with the forms that are proved."""
+    points = tuple(map(proved, points_of(model.rows, place(model.rows, point, None))))
+    return Frame(model_of(model.canonical, algebraic=True), points, point is None and bool(model.b.any()))
+
+
+def _undecided(failure: Failure, log: Log) -> Undecided:
+    return Undecided(failure.reason, failure.detail, tuple(log.attempts))
+
+
+def _is_reference(model: DescriptorModel, point: OperatingPoint) -> bool:
+    at = np.array_equal(point.x, model.rows.x_ref) and np.array_equal(point.u, model.u_ref)
+    return at and point.radius == 0 and not model.b.any()
+
+
+def _variables(model: DescriptorModel, near: object, u: Float[ndarray, " m"]) -> Float[ndarray, " N"]:
+    """Return all variables for a state, or for all of them."""
+    if isinstance(near, Sequence | ndarray) and len(near) == model.n:
+        x = vector("operating_point", near, model.n)
+        try:
+            return np.concatenate([x, model.solve(x, u)])
+        except ModelError:
+            return np.concatenate([x, model.rows.x_ref[model.n :]])
+    return vector('operating_point, if not "auto",', near, model.rows.n)

@@ -1,0 +1,44 @@
+"""Models with algebraic variables whose truth is known."""
+
+import numpy as np
+
+import persid as ps
+
+
+def loop(gain: float, f: str = "tanh(x)") -> ps.DescriptorModel:
+    """x' = -x - w + u with w = f(x + gain w): one solution w for every x if and only if gain < 1, for |f'| <= 1."""
+    term = (f, [[1.0, gain]], [[0.0], [1.0]])
+    return ps.DescriptorModel([[-1.0, -1.0], [0.0, -1.0]], [term], [[1.0], [0.0]], algebraic=["w"])
+
+
+def diode(leak: float = 0.5) -> ps.DescriptorModel:
+    """A capacitor behind a resistor, with a diode and a leak to ground: the node between them has no capacitor."""
+    A0 = [[-1.0, 1.0], [1.0, -1.0 - leak]]
+    term = ("expm1(x)", [[0.0, 1.0]], [[0.0], [-0.1]])
+    names = {"states": ["v"], "algebraic": ["node"], "inputs": ["i"]}
+    return ps.DescriptorModel(A0, [term], [[1.0], [0.0]], **names)
+
+
+def network(n: int, k: int, seed: int, size: float = 0.9) -> ps.DescriptorModel:
+    """x' = -x + A12 w + u, w = tanh(D w + C x), symmetric gains: |D| = size < 1 makes it solvable, 2-norms stable."""
+    rng = np.random.default_rng(seed)
+
+    def norm(shape: tuple[int, int], bound: float) -> np.ndarray:
+        M = rng.normal(size=shape)
+        return bound * M / np.linalg.norm(M, 2)
+
+    A0 = np.block([[-np.eye(n), norm((n, k), 0.7)], [np.zeros((k, n)), -np.eye(k)]])
+    R, A = np.hstack([norm((k, n), 1 - size), norm((k, k), size)]), np.vstack([np.zeros((n, k)), np.eye(k)])
+    B = np.vstack([np.eye(n), np.zeros((k, n))])
+    return ps.DescriptorModel(A0, [("tanh(x)", R, A)], B, algebraic=k)
+
+
+def drawn(seed: int) -> ps.DescriptorModel:
+    """A random model that may be anything: unstable, with several solutions, or neither."""
+    rng = np.random.default_rng(seed)
+    n, k = int(rng.integers(1, 3)), int(rng.integers(1, 3))
+    A0 = rng.normal(size=(n + k, n + k)) - np.diag([2.0] * n + [1.5] * k)
+    f, count = str(rng.choice(["tanh(x)", "sat(x)", "x**3", "expm1(x)"])), int(rng.integers(1, 3))
+    R, A = np.round(4 * rng.normal(size=(count, n + k))) / 4, 0.5 * rng.normal(size=(n + k, count))
+    B = np.vstack([np.eye(n), np.zeros((k, n))])
+    return ps.DescriptorModel(A0, [(f, R, A)], B, algebraic=k)

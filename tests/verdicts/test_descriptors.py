@@ -1,0 +1,105 @@
+"""Verdicts on models with algebraic variables: what is certified keeps its promise, several solutions never are."""
+
+import numpy as np
+import pytest
+
+import persid as ps
+from descriptors import diode, drawn, loop, network
+
+
+def keeps_its_bound(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int = 0) -> bool:
+    """Whether runs from random starts with random held inputs stay within the bound of the state."""
+    rng, t = np.random.default_rng(seed), np.linspace(0, 4, 9)
+    for size in (0.3, 3.0):
+        x0, u = size * rng.normal(size=model.n), np.repeat(size * rng.normal(size=(3, model.m)), 3, axis=0)
+        run = model.simulate(x0, t, u)[0]
+        away = np.linalg.norm(run.x[:, : model.n] - certificate.operating_point, axis=1)
+        most = float(np.linalg.norm(u - certificate.input, axis=1).max())
+        if run.diverged_at is not None or (away > certificate.bound(x0, most, run.t)).any():
+            return False
+    return True
+
+
+@pytest.mark.parametrize("gain", [-5.0, 0.99])
+def test_a_loop_of_gain_below_1_is_certified(gain: float) -> None:
+    """With what holds between any two solutions and about every equilibrium, and runs keep the bound."""
+    verdict = ps.certify(loop(gain))
+    assert verdict.is_certified, verdict
+    assert set(verdict.certificate.further) == {"incremental", "everywhere"}
+    assert keeps_its_bound(loop(gain), verdict.certificate)
+
+
+@pytest.mark.parametrize("f", ["tanh(x)", "sat(x)"])
+@pytest.mark.parametrize("gain", [1.01, 2.0])
+def test_a_loop_of_gain_above_1_is_refused(f: str, gain: float) -> None:
+    """Its equations have three solutions; the verdict says what is not proved."""
+    verdict = ps.certify(loop(gain, f))
+    assert isinstance(verdict, ps.Undecided)
+    assert "exactly one solution" in verdict.detail
+    assert len({round(float(loop(2.0, f).solve([0.0], near=[w])[0]), 6) for w in (-2.0, 0.0, 2.0)}) == 3
+
+
+def test_a_saturation_in_a_loop_of_gain_below_1_is_certified() -> None:
+    """A kink is no obstacle."""
+    assert ps.certify(loop(0.75, "sat(x)")).is_certified
+
+
+def test_a_diode_with_a_leak_is_certified_and_one_without_is_not() -> None:
+    """Without the leak a constant current out of the capacitor drives its voltage to minus infinity."""
+    verdict = ps.certify(diode())
+    assert verdict.is_certified
+    assert keeps_its_bound(diode(), verdict.certificate)
+    assert not ps.certify(diode(0.0)).is_certified
+    assert diode(0.0).simulate([0.0], np.linspace(0, 50, 11), np.full((11, 1), -1.0))[0].x[-1, 0] < -30
+
+
+def test_the_operating_point_belongs_to_its_input() -> None:
+    """At another input the equilibrium is found and proved with all variables; the certificate is about its state."""
+    model = diode()
+    verdict = ps.certify(model, u_op=[0.5])
+    assert verdict.is_certified
+    x = verdict.certificate.operating_point
+    assert x.shape == (1,)
+    assert abs(model.rhs(x, np.array([0.5]))).max() < 1e-9
+    assert keeps_its_bound(model, verdict.certificate)
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_networks_of_loops_are_certified(seed: int) -> None:
+    """Layers of tanh that feed back on themselves: recurrent equilibrium networks, solvable by their norm."""
+    model = network(2, 3, seed)
+    verdict = ps.certify(model)
+    assert verdict.is_certified
+    assert keeps_its_bound(model, verdict.certificate)
+
+
+def certified_truly(seed: int) -> bool:
+    """Whether a random model is certified; then it has one solution from every start of Newton's method, and bounds."""
+    model, rng = drawn(seed), np.random.default_rng(seed)
+    verdict = ps.certify(model)
+    if not verdict.is_certified:
+        return False
+    x = rng.normal(size=model.n)
+    found = [model.solve(x, near=4 * rng.normal(size=len(model.algebraic))) for _ in range(4)]
+    assert np.ptp(found, axis=0).max() < 1e-6
+    assert keeps_its_bound(model, verdict.certificate, seed)
+    return True
+
+
+def test_only_what_is_true_of_some_random_models_is_certified() -> None:
+    """One solution, and bounds that runs keep."""
+    assert all(map(certified_truly, (2, 4)))
+
+
+@pytest.mark.long
+def test_only_what_is_true_of_random_models_is_certified() -> None:
+    """The same of more of them."""
+    assert sum(map(certified_truly, range(5, 25))) >= 5
+
+
+def test_a_question_that_does_not_fit_is_refused() -> None:
+    """Regions are not sought; an operating point is a state, or all variables."""
+    with pytest.raises(ps.ModelError, match="only global claims"):
+        ps.certify(loop(0.5), domain="auto")
+    with pytest.raises(ps.ModelError, match="operating_point"):
+        ps.certify(loop(0.5), operating_point=[1.0, 2.0, 3.0])
