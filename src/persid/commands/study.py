@@ -1,4 +1,4 @@
-"""`persid study`: the paper's experiments from the command line."""
+"""`persid study`: the paper's experiments, and a power grid, from the command line."""
 
 from pathlib import Path
 
@@ -15,10 +15,10 @@ DONE, INTERRUPTED = 0, 130
 @click.argument("name", type=click.Choice(STUDIES), metavar="|".join(STUDIES))
 @click.option("-o", "--output", type=NEW_FOLDER, required=True, help="Folder for the results.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Repetitions with other random data (wave; 3 by default).")
-@click.option("--quick", is_flag=True, help="Smaller sizes: all three studies in under a minute.")
+@click.option("--quick", is_flag=True, help="Smaller sizes: all studies in under two minutes.")
 @talking
 def study(name: str, output: Path, seeds: int | None, quick: bool, as_json: bool, quiet: bool) -> int:
-    """Repeat an experiment of the paper, with the paper's figures beside ours.
+    """Repeat an experiment of the paper, with the paper's figures beside ours, or study a power grid.
 
     The folder receives tables.md, tables.json, figures/, report.html, and every model with its checked proof. Finished
     parts are kept: after an interruption the same command goes on where it stopped.

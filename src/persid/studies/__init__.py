@@ -1,4 +1,4 @@
-"""The paper's three experiments, reproduced: `run_study("traffic" | "wave" | "bases", folder)`.
+"""The paper's three experiments, reproduced, and a study of a power grid: `run_study("traffic", folder)`.
 
 Each study is one module with a function `run(parts, quick, seeds)` that uses the public interface of persid only.
 """
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from persid.studies.tables import Study
 
-STUDIES = ("traffic", "bases", "wave")
+STUDIES = ("traffic", "bases", "wave", "power")
 
 
 def run_study(
@@ -30,7 +30,7 @@ def run_study(
     Args:
         name: one of STUDIES.
         folder: for the results; created where it is missing.
-        quick: smaller sizes, under a minute for all three studies together.
+        quick: smaller sizes, under two minutes for all studies together.
         seeds: repetitions with other random data (wave only); None for the study's own number.
         progress: is called with a line of text at each step.
 

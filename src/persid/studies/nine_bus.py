@@ -181,9 +181,10 @@ class Grid:
         return np.asarray(found.y.T)
 
     def keeps_step(self, x0: Float[ndarray, " 5"], condition: Condition = NORMAL, seconds: float = 5.0) -> bool:
-        """Whether no two machines fall out of step in the seconds after x0."""
+        """Whether no two machines are out of step at x0 or fall out of it in the seconds that follow."""
         t = np.linspace(0, seconds, 3)
-        return len(self.simulate(x0, t, condition)) == len(t)
+        apart = float(np.abs(TO_PAIRS @ x0[:2]).max()) >= OUT_OF_STEP
+        return not apart and len(self.simulate(x0, t, condition)) == len(t)
 
     def critical_clearing(self, fault: int, after: Condition = NORMAL, longest: float = 1.0) -> float:
         """Return the longest time (s, to 1 ms) after which clearing a short circuit keeps the machines in step."""

@@ -33,7 +33,7 @@ class Study:
     """What a study found.
 
     `figures` are the numbers and words behind the tables, by name: what a later run is compared with. `remarks` are
-    full sentences on what did not reproduce and why. `seconds` is the time of all parts, also of reused ones.
+    full sentences on what to know of them. `seconds` is the time of all parts, also of reused ones.
     """
 
     name: str

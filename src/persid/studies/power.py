@@ -1,0 +1,284 @@
+"""The power study: what a grid operator may conclude from a model that synchrophasors give.
+
+The grid is the classical nine-bus, three-machine one. A model is identified from load steps of up to 25 % and from
+what follows three short circuits. It is run freely through load steps and short circuits that
+the fit has not seen; regions about its operating point are certified; and the times in which a short circuit must be
+cleared, and the sizes of load variations, that follow from the certificates are compared with simulations of the grid.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+import persid as ps
+from persid._files import Json
+from persid.reports.record import versions
+from persid.studies import power_pages as pages
+from persid.studies.nine_bus import DAMPING, LOADS, NORMAL, TO_PAIRS, Condition, Grid
+from persid.studies.parts import Parts
+from persid.studies.phasors import (
+    FRAMES,
+    LARGEST_STEP,
+    NOMINAL,
+    SHOWN,
+    TO_SHOWN,
+    FreeRun,
+    Record,
+    identify,
+    load_steps,
+    relative,
+    ring_down,
+    rms,
+)
+from persid.studies.tables import Study, protocol
+from persid.verdicts.verdict import Verdict
+
+REVISION = 1  # raised with every change of what is computed: parts of other revisions are not reused
+GRID = Grid()
+RECORDED, FORETOLD = (5, 7, 9), (4, 6, 8)  # buses of short circuits in the fit, and of those that it has not seen
+AFTER = {"fit": 0.1, "new": 0.15}  # s, when they are cleared
+IDENTIFIED, ALONE, KNOWN = "identified", "identified from load steps alone", "equations known"
+OPENED = Condition(off=(5, 7))  # how the textbook clears its short circuit at bus 7
+TIME_LIMIT = 240.0  # s for a verdict in a box
+SEARCH_LIMIT = 900.0  # s for a region whose sides are sought, which ends before on any machine
+WIDE, NARROW = 30.0, 15.0  # degrees to either side, of boxes
+APART, TOGETHER = 1.0, 2.0  # Hz to either side: of frequencies between machines, of the whole grid
+SWINGS = 20.0  # s for which a load goes up and down, and that a step is followed
+EVER = 1e6  # s after which nothing is left of the start
+RAYS = 37  # directions in the plane of angles in which stability is looked for
+
+
+def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
+    """Run the study. With `quick`: short records, one region in a box, one short circuit. `seeds` is not used."""
+    parts = parts.of(4 if quick else 10)
+    fits = {label: _fit(parts, label, quick) for label in ((IDENTIFIED,) if quick else (IDENTIFIED, ALONE))}
+    model = ps.PersidskiiModel.from_dict(fits[IDENTIFIED]["model"])
+    fits[KNOWN] = parts.part(KNOWN, {"quick": quick}, lambda: _scored(GRID.model(), quick))
+    buses = (7,) if quick else (*FORETOLD, *RECORDED)
+    faults = {IDENTIFIED: _clearing(parts, IDENTIFIED, model, buses, NORMAL, quick)}
+    if not quick:
+        faults[KNOWN] = _clearing(parts, KNOWN, GRID.model(), buses, NORMAL, quick)
+        faults["line 5-7 opened"] = _clearing(parts, "line 5-7 opened", GRID.model(OPENED), (7,), OPENED, quick)
+    edges = {} if quick else _edges(parts, faults[IDENTIFIED])
+    loads = _loads(parts, model)
+    steps = {} if quick else parts.part("load steps", {"model": model.sha256}, partial(_steps, parts, model))
+    return Study(
+        name="power",
+        title="Power: a grid of three machines, from synchrophasors to clearing times",
+        protocol=protocol(__doc__),
+        tables=pages.tables(fits, faults, loads, steps),
+        drawings=pages.drawings(fits, faults, edges, steps),
+        figures=pages.figures(fits, faults, loads, steps),
+        remarks=pages.REMARKS,
+        seconds=parts.total,
+        quick=quick,
+        versions=versions(),
+    )
+
+
+def records(quick: bool) -> tuple[list[Record], list[Record]]:
+    """Return the records of the fit: load steps, and what follows short circuits."""
+    random = np.random.default_rng(1)
+    steps = [load_steps(GRID, 24.0 if quick else 60.0, random) for _ in range(1 if quick else 4)]
+    return steps, [ring_down(GRID, bus, AFTER["fit"], 4.0 if quick else 10.0) for bus in RECORDED]
+
+
+def new_records(quick: bool) -> tuple[list[Record], list[Record]]:
+    """Return records that no fit has seen."""
+    random = np.random.default_rng(2)
+    steps = [load_steps(GRID, 20.0 if quick else 60.0, random) for _ in range(1 if quick else 2)]
+    return steps, [ring_down(GRID, bus, AFTER["new"], 5.0) for bus in FORETOLD[: 1 if quick else None]]
+
+
+def _fit(parts: Parts, label: str, quick: bool) -> Json:
+    """Return a model that was identified, with its scores on new records."""
+
+    def compute() -> Json:
+        steps, rings = records(quick)
+        model = identify(steps if label == ALONE else [*steps, *rings], np.random.default_rng(3))
+        return {"model": model.to_dict(), **_scored(model, quick)}
+
+    return parts.part(label, {"quick": quick, "frames": FRAMES, "damping": DAMPING}, compute)
+
+
+def _scored(model: ps.PersidskiiModel, quick: bool) -> Json:
+    """Return the errors of free runs on new records; none where a run falls out of step or blows up."""
+    steps, rings = new_records(quick)
+    found: Json = {}
+    for kind, group in (("steps", steps), ("rings", rings)):
+        runs = [FreeRun.of(model, record) for record in group]
+        size = rms(np.vstack([(record.x - GRID.rest) @ TO_SHOWN.T for record in group]))
+        errors = rms(np.vstack([each.errors for each in runs]))
+        lost = errors[0] > 180.0 or any(len(each.x) < len(each.record.t) for each in runs)
+        found[kind] = {"errors": (None, None) if lost else errors, "size": size}
+        first = runs[0]
+        found[kind] |= {
+            "run": np.round(first.x @ TO_SHOWN.T, 4)[::2],
+            "true": np.round(first.record.x @ TO_SHOWN.T, 4)[::2],
+        }
+    return found
+
+
+def _clearing(
+    parts: Parts, label: str, model: ps.PersidskiiModel, buses: Sequence[int], after: Condition, quick: bool
+) -> Json:
+    """Return a certified region of a model of the grid after a fault, and the clearing times that follow."""
+    name = f"region, {label}"
+
+    def compute() -> Json:
+        between, rest = relative(model), GRID.rest[:4]
+        domain = _box(rest, WIDE) if quick else "auto"
+        verdict = ps.certify(
+            between, operating_point=rest, domain=domain, time_limit=SEARCH_LIMIT, progress=parts.within(name)
+        )
+        found = parts.verdict(name, between, verdict)
+        certificate = _certificate(verdict)
+        if certificate is None:
+            return {"verdict": found, "faults": {}}
+        return {"verdict": found, "faults": {str(bus): _fault(certificate, bus, after) for bus in buses}}
+
+    return parts.part(
+        name, {"model": model.sha256, "buses": list(buses), "limit": SEARCH_LIMIT, "quick": quick}, compute
+    )
+
+
+def _box(rest: Float[ndarray, " n"], angle: float) -> list[list[float]]:
+    """Return a box about a state: angles to either side, and frequencies between machines and of the whole grid."""
+    sides = np.array([angle, angle, APART, APART, TOGETHER][: len(rest)])
+    return [[float(x - side), float(x + side)] for x, side in zip(rest, sides, strict=True)]
+
+
+def _fault(certificate: ps.Certificate, bus: int, after: Condition) -> Json:
+    """Return the critical clearing time by simulation and by a certificate, and the largest angles at these times."""
+    critical = GRID.critical_clearing(bus, after)
+    t = np.arange(0, critical + 5e-4, 1e-3)
+    x = GRID.simulate(GRID.rest, t, Condition(fault=bus))
+    inside = _last_inside(certificate, x[:, :4])
+    angles = np.abs(x[:, :2] @ TO_PAIRS.T).max(axis=1)
+    return {
+        "critical": critical,
+        "certified": None if inside is None else float(t[inside]),
+        "angles": [None if k is None else float(angles[k]) for k in (len(t) - 1, inside)],
+        "keeps step": "yes" if inside is not None and GRID.keeps_step(x[inside], after) else "no",
+        "path": np.round(x[:, :2], 3),
+    }
+
+
+def _last_inside(certificate: ps.Certificate, x: Float[ndarray, "N 4"]) -> int | None:
+    """Return the last of states along a path, all of which until then lie in the region; the last one by proof."""
+    outside = np.flatnonzero(certificate.V(x) > (certificate.level or 0.0))
+    for k in range(int(outside[0]) - 1 if len(outside) else len(x) - 1, -1, -1):
+        try:
+            certificate.overshoot(x[k])
+        except ps.PersidError:
+            continue
+        return k
+    return None
+
+
+def _edges(parts: Parts, region: Json) -> Json:
+    """Return how far angles may be from rest, frequencies at 60 Hz: in a region, and in simulations of the grid."""
+
+    def compute() -> Json:
+        certificate = ps.load_certificate(parts.folder / region["verdict"]["files"][1])
+        rays = [np.array([np.cos(turn), np.sin(turn), 0, 0, 0]) for turn in np.linspace(0, 2 * np.pi, RAYS)]
+        proved = [_reach(lambda x: bool(certificate.V(x[None, :4])[0] <= certificate.level), ray, 0.5) for ray in rays]
+        simulated = [_reach(GRID.keeps_step, ray, 5.0) for ray in rays]
+        return {"proved": np.round(proved, 2), "simulated": np.round(simulated, 2)}
+
+    return parts.part("edges", {"files": region["verdict"]["files"], "rays": RAYS}, compute)
+
+
+def _reach(keeps: Callable[[ndarray], bool], ray: Float[ndarray, " 5"], step: float) -> Float[ndarray, " 2"]:
+    """Return the angles at the last step along a ray from rest up to which all is kept."""
+    size = step
+    while keeps(GRID.rest + size * ray):
+        size += step
+    return np.asarray((GRID.rest + (size - step) * ray)[:2])
+
+
+def _shown(model: ps.PersidskiiModel) -> ps.OutputModel:
+    """Return a model with the outputs that an operator reads: angles in degrees, frequencies in Hz."""
+    return ps.OutputModel(model, TO_SHOWN, outputs=[f"{name} shown" for name in SHOWN])
+
+
+def _loads(parts: Parts, model: ps.PersidskiiModel) -> Json:
+    """Return how much each load may vary, in whatever way, by the certificate; and what the worst variations do."""
+    name = "loads that vary"
+
+    def compute() -> Json:
+        verdict = ps.certify(
+            _shown(model), operating_point=GRID.rest, domain=_box(GRID.rest, NARROW), gains="each",
+            time_limit=TIME_LIMIT, progress=parts.within(name),
+        )  # fmt: skip
+        found = parts.verdict(name, model, verdict)
+        certificate = _certificate(verdict)
+        if certificate is None:
+            return {"verdict": found, "loads": {}}
+        proved = certificate.output_bound(certificate.operating_point, certificate.input_bound or 0.0, [EVER])[0]
+        admitted = np.asarray(certificate.input_bounds).tolist()
+        loads = {
+            load: {"admitted": size, "seen": _swung(k, size)}
+            for k, (load, size) in enumerate(zip(LOADS, admitted, strict=True))
+        }
+        return {"verdict": found, "proved": proved, "loads": loads}
+
+    return parts.part(name, {"model": model.sha256, "limit": TIME_LIMIT}, compute)
+
+
+def _swung(load: int, size: float) -> Float[ndarray, " 6"]:
+    """Return how far outputs go from rest while a load switches by +-size (MW) in time with the grid's own swings."""
+    eigenvalues = np.linalg.eigvals(GRID.model().jacobian(GRID.rest))
+    peaks = np.zeros(len(SHOWN))
+    for half in np.pi / eigenvalues.imag[eigenvalues.imag > 0]:
+        x = GRID.rest
+        for k in range(round(SWINGS / half)):
+            shares = np.ones(len(LOADS))
+            shares[load] += (-1) ** k * size / NOMINAL[load]
+            run = GRID.simulate(x, np.linspace(0, half, 21), Condition(tuple(shares.tolist())))
+            peaks = np.maximum(peaks, np.abs((run - GRID.rest) @ TO_SHOWN.T).max(axis=0))
+            x = run[-1]
+    return peaks
+
+
+def _steps(parts: Parts, model: ps.PersidskiiModel) -> Json:
+    """Return for steps of every load whether the way to the new rest is certified, its bounds, and what happens."""
+    found = {}
+    for k, load in enumerate(LOADS):
+        for share in (LARGEST_STEP, -LARGEST_STEP):
+            name = f"load {load}, {share:+.0%}"
+            found[name] = _step(parts, name, model, k, share)
+    return found
+
+
+def _step(parts: Parts, name: str, model: ps.PersidskiiModel, load: int, share: float) -> Json:
+    u = np.zeros(len(LOADS))
+    u[load] = share * NOMINAL[load]
+    start = ps.find_operating_point(model, near=GRID.rest)[0].x
+    rest = ps.find_operating_point(model, u, near=GRID.rest)[0].x
+    verdict = ps.certify(
+        _shown(model), operating_point=rest, u_op=u, domain=_box(rest, NARROW), time_limit=TIME_LIMIT,
+        progress=parts.within(name),
+    )  # fmt: skip
+    kept = parts.verdict(name, model, verdict)
+    t = np.arange(0, SWINGS, 1 / FRAMES)
+    shares = np.ones(len(LOADS))
+    shares[load] += share
+    x = GRID.simulate(GRID.rest, t, Condition(tuple(shares.tolist())))
+    away = (x - rest) @ TO_SHOWN.T
+    answer = {"verdict": kept, "seen": np.abs(away).max(axis=0), "away": np.round(away[::6], 4), "proved": None}
+    certificate = _certificate(verdict)
+    if certificate is not None:
+        with suppress(ps.PersidError):  # the old rest is not in the region about the new one
+            answer["proved"] = certificate.output_bound(start, 0.0, t[::6])
+    return answer
+
+
+def _certificate(verdict: Verdict) -> ps.Certificate | None:
+    """Return the certificate of a verdict, if there is one with a region."""
+    found = verdict.certificate if isinstance(verdict, ps.Certified) else None
+    return found if isinstance(found, ps.Certificate) else None
