@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg as sla
+from flint import fmpq, fmpz_mat
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -17,6 +18,7 @@ FORMAT = "persid-certificate-1"
 MARGIN = 8.0  # by which what is subtracted for a root's sake exceeds what rounding it adds to a row
 LONGEST = 50  # bits of a root's entries
 POWERS = 30
+FINE = 100  # bits of a factor that is found in fractions
 BESIDE = 500_000  # numbers of the matrices of a file from which the large ones stand in a companion
 LISTED = 10_000  # numbers of a matrix that is large then
 
@@ -51,6 +53,25 @@ def factor(M: Float[ndarray, "k k"], accuracy: float = 10.0) -> list[list[int]]:
     shifts = [int(e) for e in exponents - exponents.min()]
     entries = np.round(np.ldexp(T, bits)).tolist()
     return [[int(v) << s for v, s in zip(row[: i + 1], shifts, strict=False)] for i, row in enumerate(entries)]
+
+
+def eliminated(M: fmpz_mat) -> list[list[int]]:
+    """Return an integer inverse Cholesky factor of M, by elimination in fractions, each row rounded to some bits.
+
+    Raises:
+        RoundingError: M is not positive definite.
+    """
+    size = M.nrows()
+    A = [[fmpq(M[i, j]) for j in range(size)] for i in range(size)]
+    T = [[fmpq(i == j) for j in range(size)] for i in range(size)]
+    for k in range(size):
+        if A[k][k] <= 0:
+            raise RoundingError("a matrix of the proof is not positive definite")
+        for i in range(k + 1, size):
+            share = A[i][k] / A[k][k]
+            for rows in (A, T):
+                rows[i] = [a - share * b if b else a for a, b in zip(rows[i], rows[k], strict=True)]
+    return [[int((v.p << FINE) // v.q) for v in row[: i + 1]] for i, row in enumerate(T)]
 
 
 def root(M: Float[ndarray, "k k"]) -> Json:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -92,14 +93,30 @@ def _content(
     }
     if frame.order < n:
         draft["algebraic"] = algebraic
+    if frame.basis and not each:  # in the user's coordinates floating point may not find them
+        gamma = rounded(-_floor(-max(proposal.gamma, 1e-30)))
+        return with_proof(draft | {"gamma": gamma, "p": rounded(_floor(proposal.least)) if proposal.kappa else [0, 0]})
     return with_proof(draft | _numbers(draft, regional, each))
 
 
 def _quadratic(proposal: Proposal) -> Json:
     """Return P, with the channels whose values it reads, if there are any."""
     frame = proposal.frame
-    rows = [[_value(proposal, ("P", j, i)) for j in frame.z[: at + 1]] for at, i in enumerate(frame.z)]
+    rows = [[dyadic(v) for v in line] for line in _entries(proposal)]
     return {"lower": rows, "channels": list(frame.slopes)} if frame.slopes else {"lower": rows}
+
+
+def _entries(proposal: Proposal) -> list[list[Fraction]]:
+    """Return the lower rows of P: a sum of products of rows of the basis."""
+    z, frame = proposal.frame.z, proposal.frame
+    total: dict[tuple[int, int], Fraction] = {}
+    for at, i in enumerate(z):
+        for j in z[: at + 1]:
+            value = proposal.values.get(("P", j, i), Fraction(0))
+            for (a, u), (b, v) in product(frame.unit(i).items(), frame.unit(j).items()):
+                for place in {(a, b), (b, a)} if i != j else {(a, b)}:
+                    total[place] = total.get(place, Fraction(0)) + value * u * v * (1 + (i != j and a == b))
+    return [[total.get((i, j), Fraction(0)) for j in z[: at + 1]] for at, i in enumerate(z)]
 
 
 def _numbers(draft: Json, regional: bool, each: bool) -> Json:
@@ -113,8 +130,7 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
     scaled = scale[:, None] * side
     stored, largest = _gamma(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled), each)
-    states = Pt[:n, :n] - Pt[:n, n:] @ np.linalg.solve(Pt[n:, n:], Pt[n:, :n])
-    found = {"gamma": stored, "p": rounded(_floor(float(np.linalg.eigvalsh(states)[0])))}
+    found = {"gamma": stored, "p": rounded(_floor(_least(Pt, n)))}
     if not regional:
         return found if ledger.kappa else {"gamma": stored}
     inverse, level = np.linalg.inv(Pt), np.inf
@@ -125,6 +141,13 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     level *= 1 - SLACK / 64
     bound = _floor(float(np.sqrt(float(ledger.kappa) * level / largest)))
     return found | {"level": rounded(level, 40), "input_bound": rounded(bound)}
+
+
+def _least(Pt: Float[ndarray, "k k"], n: int) -> float:
+    """Return the largest p with z'Pt z >= p |x|^2."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(Pt), 1e-300))
+    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * Pt * scale) * scale
+    return float(1 / np.linalg.eigvalsh(inverse[:n, :n])[-1])
 
 
 def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[Any, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from persid._dyadics import exact, is_dyadic
 from persid._files import Json
-from persid.certificates.encoding import factor, root
+from persid.certificates.encoding import eliminated, factor, root
 from persid.certificates.partitions import cuts_of, cuts_of_continuity, cuts_of_product
 from persid.errors import RoundingError
 from persid_check.exact import Matrix, diagonal, is_large
@@ -28,6 +28,7 @@ from persid_check.version_1.format import WORDS
 
 _ZERO = Fraction(0)
 BOUNDING = 1e12  # how well the factor of the bound of V is known: bounds of rows lose about so little by it
+ELIMINATED = 40  # rows of a matrix that is eliminated in fractions
 SECTOR = ("nondecreasing", "sector")  # kinds that are tried, the one that says most first
 SPANNING = ("rising", "growing", *SECTOR)
 INTEGRABLE = (*SECTOR, "offset")
@@ -263,8 +264,8 @@ def with_proof(draft: Json) -> Json:
     lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
     bounding = ledger.claim == "region" or ledger.outputs is not None
     proof = {
-        "P": shortest(floats(lower.kept(*[states + values] * 2))),
-        "M": shortest(floats(matrices.M.kept(kept, kept))),
+        "P": _proved(lower.kept(*[states + values] * 2)),
+        "M": _proved(matrices.M.kept(kept, kept)),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
     return draft | {"proof": proof} | _with_algebraic(draft, ledger, matrices)
@@ -282,6 +283,16 @@ def _with_algebraic(draft: Json, ledger: Ledger, matrices: Assembly) -> Json:
         {**entry, "proof": factor(floats(form_of_room(ledger, p, bound, matrices)))} for p, bound, entry in places
     ]
     return {"algebraic": {**written, "solvable": solvable, "bounds": bounds}}
+
+
+def _proved(M: Matrix) -> list[list[int]] | Json:
+    """Return what proves a matrix positive definite; by elimination in fractions what floating point does not bear."""
+    try:
+        return shortest(floats(M))
+    except RoundingError:
+        if M.height > ELIMINATED:
+            raise
+        return eliminated(M.flint)
 
 
 def shortest(M: np.ndarray) -> list[list[int]] | Json:

@@ -11,7 +11,7 @@ With slopes, P is over z = (x, values of functions) and zeta = (x, s, sigma, v),
 Rows are kept as fractions: which of their products cancel is a question with an exact answer (`zero_rows`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -49,7 +49,7 @@ class Frame:
 
     `lone` is 1 where the constant b is one more input. `between` solutions holds what is proved with V = x'P x and
     products of two nondecreasing forms at one point. `sloped`: V reads values of functions, and slopes along solutions
-    make facts.
+    make facts. In badly scaled coordinates `basis` has the rows of better ones, and P is made of their products.
     """
 
     model: Model
@@ -58,6 +58,7 @@ class Frame:
     between: bool = False
     sloped: bool = False
     solving: Mapping[tuple[Any, ...], Fraction] = field(default_factory=dict)  # why equations have one solution
+    basis: tuple[Row, ...] = ()
 
     @property
     def monotone(self) -> "Frame":
@@ -122,6 +123,10 @@ class Frame:
             found.append(row)
         return tuple(found)
 
+    def unit(self, i: int) -> Row:
+        """Return the row that is entry i of zeta, in coordinates of `basis`."""
+        return self.basis[i] if self.basis and i < self.n else {i: _ONE}
+
     def along(self, row: Row, kappa: Fraction) -> Row:
         """Return -r'G - kappa r, of a row over z."""
         total: dict[int, Fraction] = {i: -kappa * v for i, v in row.items()} if kappa else {}
@@ -150,11 +155,12 @@ class Frame:
                 yield Unknown(("equation", h - self.order, i), (({i: _ONE}, down),), multiplier=False)
 
     def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
-        unit = {i: {i: _ONE} for i in self.z}
+        unit = {i: self.unit(i) for i in self.z}
         down = {i: self.along(row, kappa / 2) for i, row in unit.items()}
         for i, j in combinations_with_replacement(self.z, 2):
             if i == j:
-                yield Unknown(("P", i, i), ((unit[i], down[i]),), ((unit[i], {i: _HALF}),), multiplier=False)
+                half = {k: v / 2 for k, v in unit[i].items()}
+                yield Unknown(("P", i, i), ((unit[i], down[i]),), ((unit[i], half),), multiplier=False)
             else:
                 pairs = ((unit[i], down[j]), (unit[j], down[i]))
                 yield Unknown(("P", i, j), pairs, ((unit[i], unit[j]),), multiplier=False)
@@ -236,6 +242,21 @@ class Matrices:
     kept: Int[ndarray, " k"]
 
     @cached_property
+    def back(self) -> Float[ndarray, "n n"]:
+        """The states in units as states: x = back x^."""
+        n = self.frame.n
+        rows = [[float(row.get(i, 0)) for i in range(n)] for row in self.frame.basis]
+        S = np.array(rows) if rows else np.eye(n)
+        return np.asarray(np.linalg.inv(S) * self.units[:n])
+
+    @property
+    def identity(self) -> Float[ndarray, "k k"]:
+        """|x|^2 as a form over z in units."""
+        n, values = self.frame.order, len(self.frame.z) - self.frame.order
+        states = self.back[:n, :n]
+        return np.pad(states.T @ states, ((0, values), (0, values)))
+
+    @cached_property
     def sizes(self) -> Float[ndarray, " J"]:
         """The sizes of unknowns: P in units of the states, others so that their part of M has about norm 1."""
         return np.array([self._size(each) for each in self.unknowns])
@@ -247,7 +268,15 @@ class Matrices:
         return self.rate / (2 * sum(self._norm(a) * self._norm(b) for a, b in unknown.M) or 1.0)
 
     def _norm(self, row: Row) -> float:
-        return float(np.sqrt(sum((float(v) * self.units[i]) ** 2 for i, v in row.items() if i < self.frame.entries)))
+        return float(np.linalg.norm(self.row(row)[: self.frame.entries]))
+
+    def row(self, row: Row) -> Float[ndarray, " w"]:
+        """Return a row over zeta in units."""
+        n, found = self.frame.n, np.zeros(self.frame.width)
+        found[list(row)] = [float(v) for v in row.values()]
+        found[n:] *= self.units[n:]
+        found[:n] = found[:n] @ self.back
+        return found
 
     def part(self, chosen: Sequence[int]) -> "Matrices":
         """Return the matrices of some of the unknowns."""
@@ -268,43 +297,37 @@ class Matrices:
         self, parts: Sequence[tuple[Pair, ...]], kept: ndarray, weight: float,
         more: Sequence[Sequence[tuple[int, float]]],
     ) -> Problem:  # fmt: skip
-        place = {int(i): at for at, i in enumerate(kept)}
         pairs = [
             (a, b, weight * size, k)
             for k, (part, size) in enumerate(zip(parts, self.sizes, strict=True))
             for a, b in part
         ]
-        unit = [{i: _ONE} for i in range(self.frame.width)]
         added = [
-            (unit[i], {i: _HALF}, v / self.units[i] ** 2, len(parts) + k)
+            (self.frame.unit(i), self.frame.unit(i), v / 2 / self.units[i] ** 2, len(parts) + k)
             for k, each in enumerate(more)
             for i, v in each
         ]
-        return paired([*pairs, *added], len(parts) + len(more), place, self.units)
+        return paired([*pairs, *added], len(parts) + len(more), len(kept), lambda row: self.row(row)[kept])
 
 
 def paired(
-    pairs: Sequence[tuple[Row, Row, float, int]], count: int, place: dict[int, int], units: Float[ndarray, " w"]
+    pairs: Sequence[tuple[Row, Row, float, int]], count: int, order: int, read: Callable[[Row], ndarray]
 ) -> Problem:
-    """Return pairs with weights and the unknowns that they belong to."""
-    left, p = _distinct([a for a, *_ in pairs], place, units)
-    right, q = _distinct([b for _, b, *_ in pairs], place, units)
+    """Return pairs with weights and the unknowns that they belong to; `read` gives a row in units, on kept entries."""
+    left, p = _distinct([a for a, *_ in pairs], order, read)
+    right, q = _distinct([b for _, b, *_ in pairs], order, read)
     data = np.array([weight for *_, weight, _ in pairs], float)
     owner = np.array([k for *_, k in pairs], int)
     tie = sparse.csr_array((data, (np.arange(len(pairs)), owner)), shape=(len(pairs), count))
-    eye = sparse.csr_array(sparse.eye_array(len(place)))
+    eye = sparse.csr_array(sparse.eye_array(order))
     return Problem(sparse.csr_array(left), right, p, len(left) + q, np.zeros(count), eye, 0, tie)
 
 
 def _distinct(
-    rows: Sequence[Row], place: dict[int, int], units: Float[ndarray, " w"]
+    rows: Sequence[Row], order: int, read: Callable[[Row], ndarray]
 ) -> tuple[Float[ndarray, "r k"], Int[ndarray, " K"]]:
-    """Return the distinct rows, in units and on kept entries, and which one each row is."""
+    """Return the distinct rows and which one each row is."""
     numbers: dict[tuple[tuple[int, Fraction], ...], int] = {}
     where = [numbers.setdefault(tuple(sorted(row.items())), len(numbers)) for row in rows]
-    found = np.zeros((len(numbers), len(place)))
-    for r, row in enumerate(numbers):
-        for i, v in row:
-            if i in place:
-                found[r, place[i]] = float(v) * units[i]
-    return found, np.array(where, int)
+    found = [read(dict(row)) for row in numbers]
+    return np.array(found).reshape(len(numbers), order), np.array(where, int)

@@ -208,15 +208,15 @@ def _dyadic(kappa: float) -> Fraction:
 def _shrunk(candidate: Candidate, frame: Rough, r: float, left: Left) -> Ball:
     """Minimise kappa times the square of the ball, with Pt > I and gamma I in M, gamma counted a little."""
     matrices, kappa = candidate.matrices, float(candidate.kappa)
-    n, inputs = frame.n, range(frame.entries, frame.width)
+    inputs = range(frame.entries, frame.width)
     cost = np.array([frame.supply(each, kappa) for each in candidate.solvable.unknowns]) * matrices.sizes
     size = float(min(matrices.units[list(inputs)] ** 2, default=1.0)) * (1.0 if frame.lone else WEIGHT)
-    scale, gamma = matrices.units[:n] ** 2, candidate.gamma(candidate.w)
+    gamma = candidate.gamma(candidate.w)
     start = candidate.w * 1.2 / candidate.least(candidate.w)
     N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
     unit = 1.5 * max(gamma, 1e-12)
     M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * unit) for i in inputs]], inputs=True)
-    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -np.diag(scale)))
+    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -matrices.identity))
     region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
     objective = np.append(candidate.N.T @ cost, unit * size if len(inputs) else 1e-3)
 

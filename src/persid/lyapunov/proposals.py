@@ -19,6 +19,7 @@ from numpy import ndarray
 
 from persid._dyadics import rounded
 from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.frame import Frame, Matrices, Unknown
 from persid.lyapunov.interior_point import Status, solve
@@ -42,12 +43,17 @@ Left = Callable[[], float]
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Numbers of a ledger: P, mu and tau by their labels, exact, with the rows of M that they make zero."""
+    """Numbers of a ledger: P, mu and tau by their labels, exact, with the rows of M that they make zero.
+
+    `gamma` and `least` are what they prove in floating point in good coordinates: of the joint inputs, and of V.
+    """
 
     frame: Frame
     kappa: Fraction
     values: dict[tuple[Any, ...], Fraction]
     zero: tuple[int, ...]
+    gamma: float
+    least: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +88,11 @@ class Candidate:
 
     def least(self, w: Float[ndarray, " W"]) -> float:
         """Return the largest p with V >= p |x|^2 by Pt, in the user's units; negative where Pt is not positive."""
-        n, Pt = self.frame.order, self.Pt(w)
-        if np.linalg.eigvalsh(Pt[n:, n:]).min(initial=1.0) <= 0:
+        n, Pt, back = self.frame.order, self.Pt(w), self.matrices.back
+        if np.linalg.eigvalsh(Pt)[0] <= 0:
             return -1.0
-        units = self.matrices.units[:n]
-        states = Pt[:n, :n] - Pt[:n, n:] @ np.linalg.solve(Pt[n:, n:], Pt[n:, :n])
-        return float(np.linalg.eigvalsh(states / units / units[:, None])[0])
+        states = back[:n, :n]
+        return float(1 / np.linalg.eigvalsh(states @ np.linalg.inv(Pt)[:n, :n] @ states.T)[-1])
 
     def in_use(self) -> "Candidate":
         """Return the candidate without multipliers that are zero, where no equations tie them to others."""
@@ -107,10 +112,13 @@ class Candidate:
             if leaner is not None and self.gamma(leaner) <= LOSS * gamma:
                 w = leaner
                 break
-        free = rounded(w * self.matrices.sizes[list(self.solvable.free)])
+        free = w * self.matrices.sizes[list(self.solvable.free)]
+        free = free if self.frame.basis else rounded(free)  # badly scaled: every bit may count
         y = self.solvable.exact([Fraction(float(v)) for v in free])
         values = {each.label: v for each, v in zip(self.solvable.unknowns, y, strict=True) if v}
-        return Proposal(self.frame, self.kappa, values | dict(self.frame.solving), self.solvable.zero)
+        values |= dict(self.frame.solving)
+        gamma, least = self.gamma(w), self.least(w)
+        return Proposal(self.frame, self.kappa, values, self.solvable.zero, gamma * least, least)
 
     def _without(self, share: float) -> ndarray | None:
         small = np.abs(self.w) < share * np.abs(self.w).max()
@@ -136,7 +144,11 @@ def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, 
     solvable = reduced(frame.unknowns(kappa, across=across), frame.entries, frame.order)
     if solvable is None or (solvable.zero and frame.sloped):
         return None
-    units = scaling(system_of(replace(frame, sloped=False)))
+    system = system_of(replace(frame, sloped=False))
+    if frame.basis:
+        rows = [[float(row.get(i, 0)) for i in range(frame.n)] for row in frame.basis]
+        system = Coordinates(system, np.array(rows)).turned
+    units = scaling(system)
     kept = np.array([i for i in range(frame.entries) if i not in solvable.zero], int)
     inputs, slopes = units.inputs[: frame.width - frame.entries], units.rate * units.entries[frame.z[frame.order :]]
     every = np.concatenate([units.entries, slopes, inputs])
@@ -268,11 +280,10 @@ def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
     if not len(inputs):
         return candidate
     gamma = candidate.gamma(candidate.w)
-    scale = np.append(matrices.units[: frame.order] ** 2, np.zeros(len(frame.slopes)))
     start, size = candidate.w * 1.2 / candidate.least(candidate.w), 1.5 * max(gamma, 1e-12)
     N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
     M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * size) for i in inputs]], inputs=True)
-    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -np.diag(scale)))
+    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -matrices.identity))
     region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
 
     def close(centre: Centre) -> bool:
@@ -282,4 +293,5 @@ def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
         return candidate
     objective = np.append(np.zeros(len(start)), 1.0)
     found = minimise(region, objective, w, enough=close, left=left)
-    return replace(candidate, w=found.w[:-1])
+    smaller = replace(candidate, w=found.w[:-1])
+    return smaller if np.isfinite(smaller.gamma(smaller.w)) else candidate

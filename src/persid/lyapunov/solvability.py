@@ -29,19 +29,22 @@ Values = dict[tuple[object, ...], Fraction]
 def solving(frame: Frame, left: Callable[[], float]) -> Values | None:
     """Return rows n_i by ("solving", i, entry) and tau by ("solving", p, k, l); None where none are found."""
     kept = [*range(frame.order, frame.n), *_acting(frame)]
-    place = {i: at for at, i in enumerate(kept)}
     unknowns = [*_multipliers(frame, kept), *_products(frame, set(kept))]
     units = np.concatenate([scaling(system_of(frame)).entries, np.ones(frame.width - frame.entries)])
+
+    def read(row: Row) -> np.ndarray:
+        return np.array([float(row.get(i, 0)) * units[i] for i in kept])
+
     listed = [(a, b, k) for k, each in enumerate(unknowns) for a, b in each.M]
     norms = np.array([_norm(a, kept, units) * _norm(b, kept, units) for a, b, _ in listed])
     sizes = 0.5 / np.where(norms > 0, norms, 1.0)
     pairs = [(a, b, sizes[k], k) for a, b, k in listed]
     margin = [({i: _ONE}, {i: -_HALF}, 1 / units[i] ** 2, len(unknowns)) for i in kept]
-    block = Block.of(paired([*pairs, *margin], len(unknowns) + 1, place, units), np.eye(len(unknowns) + 1))
+    block = Block.of(paired([*pairs, *margin], len(unknowns) + 1, len(kept), read), np.eye(len(unknowns) + 1))
     signs = np.eye(len(unknowns) + 1)[[k for k, each in enumerate(unknowns) if each.multiplier]]
     w = np.array([1.0 if each.multiplier or each.label[2] == frame.order + each.label[1] else 0.0 for each in unknowns])
     w *= START / np.linalg.norm(w)
-    low = float(np.linalg.eigvalsh(combine(paired(pairs, len(unknowns), place, units), w))[0])
+    low = float(np.linalg.eigvalsh(combine(paired(pairs, len(unknowns), len(kept), read), w))[0])
     t = min(low, 0.0) - 0.1
     region = Region((block,), signs, 1.0 + abs(t))
 

@@ -24,7 +24,7 @@ from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
-from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows
+from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows, with_slopes
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log, Progress
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
@@ -281,7 +281,7 @@ def _ways(asked: _Asked, setting: Setting, forms: Way, log: Log) -> list[Way]:
         return ways
     frame = frame_of(setting)
     ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
-    sloped = replace(frame, sloped=True)
+    sloped = with_slopes(setting, frame)
     if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
         ways.append(partial(_by_facts, asked, setting, sloped, log))
     return ways

@@ -7,9 +7,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._dyadics import rounded
 from persid.certificates.certificate import Certificate
 from persid.certificates.facts import prove_facts, proved, with_squares
 from persid.errors import RejectedError, RoundingError
+from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint
@@ -33,6 +35,7 @@ RATE_SHARE = 0.5  # of the best rate, where no larger one is asked for: there th
 SLOWEST = 1 / 2048  # share of the linearisation's rate at which a region is sought
 FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
 KEPT = 0.98  # share of the volume that a faster rate has to leave
+COARSE = 20  # bits of coordinates
 SEARCHING = 0.7  # share of the time for the widths of strips
 
 
@@ -41,6 +44,14 @@ def frame_of(setting: Setting) -> Frame:
     model, point = setting.model, setting.point
     points = points_of(model, place(model, point, None))
     return Frame(model_of(model.canonical), points, point is None and bool(model.b.any()))
+
+
+def with_slopes(setting: Setting, frame: Frame) -> Frame:
+    """Return a frame with values of functions in V and their slopes, in coordinates that are well scaled."""
+    better = Coordinates.of(setting.system, setting.jacobian)
+    rows = () if better is None else rounded(better.S, COARSE)
+    basis = tuple({int(i): Fraction(float(row[i])) for i in np.flatnonzero(row)} for row in rows)
+    return replace(frame, sloped=True, basis=basis)
 
 
 def has_zero_rows(frame: Frame) -> bool:
