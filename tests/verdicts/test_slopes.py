@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import persid as ps
+from published_problems import BY_NAME, Slope
 
 HOW = "slopes along solutions"
 A0 = np.array([[-2.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -79,3 +80,10 @@ def test_a_function_of_unbounded_slope_is_not_asked() -> None:
     """A cube has no bounded slope: the attempt is not made, and what it would certify stays undecided."""
     cubic = ps.PersidskiiModel([[0, 1], [-1, 0.5]], [("x**3", [[0, 1.0]], [[0], [-1.0]])], [[0.0], [1.0]])
     assert HOW not in [attempt.what for attempt in ps.certify(cubic).attempts]
+
+
+def test_a_badly_scaled_plant_is_certified_ten_times_as_far() -> None:
+    """The published plant of seven states, its coefficients over nine powers of ten, goes from a slope of 5.8 to 60."""
+    problem = BY_NAME["plant of seven states"]
+    assert isinstance(problem, Slope)
+    assert ps.certify(problem.family(58.0)).is_certified
