@@ -19,6 +19,14 @@ def diode(leak: float = 0.5) -> ps.DescriptorModel:
     return ps.DescriptorModel(A0, [term], [[1.0], [0.0]], **names)
 
 
+def circuit() -> ps.DescriptorModel:
+    """The same circuit with the diode's current as a variable of its own: every equation says what one variable is."""
+    A0 = [[-1.0, 1.0, 0.0], [2 / 3, -1.0, -2 / 3], [0.0, 0.0, -1.0]]
+    term = ("expm1(x)", [[0.0, 1.0, 0.0]], [[0.0], [0.0], [0.1]])
+    names = {"states": ["v"], "algebraic": ["node", "diode"], "inputs": ["i"]}
+    return ps.DescriptorModel(A0, [term], [[1.0], [0.0], [0.0]], **names)
+
+
 def network(n: int, k: int, seed: int, size: float = 0.9) -> ps.DescriptorModel:
     """x' = -x + A12 w + u, w = tanh(D w + C x), symmetric gains: |D| = size < 1 makes it solvable, 2-norms stable."""
     rng = np.random.default_rng(seed)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from persid.identification.advice import Advice as Advice
     from persid.identification.advice import Diagnosis as Diagnosis
     from persid.identification.advice import advise as advise
+    from persid.identification.descriptors import DescriptorIdentifier as DescriptorIdentifier
     from persid.identification.identifier import PersidskiiIdentifier as PersidskiiIdentifier
     from persid.lyapunov.operating_points import OperatingPoint as OperatingPoint
     from persid.lyapunov.operating_points import find_operating_point as find_operating_point
@@ -78,6 +79,7 @@ _HOMES = {
         "UnderdeterminedError",
     ),
     "persid.identification.advice": ("Advice", "Diagnosis", "advise"),
+    "persid.identification.descriptors": ("DescriptorIdentifier",),
     "persid.identification.identifier": ("PersidskiiIdentifier",),
     "persid.models.files": ("load_model",),
     "persid.models.lookup_tables": ("lookup_table",),
@@ -107,6 +109,7 @@ __all__ = [
     "Certified",
     "CertifiedIdentifier",
     "DataError",
+    "DescriptorIdentifier",
     "DescriptorModel",
     "Diagnosis",
     "Failed",
