@@ -1,4 +1,4 @@
-"""Every test runs with the shapes in persid's signatures checked, on one thread, and by a clock that counts."""
+"""Tests check the shapes in persid's signatures (but with JAXTYPING_DISABLE=1), on one thread, by a clock that counts."""
 
 import json
 import os
