@@ -1,4 +1,4 @@
-"""Tests check the shapes in persid's signatures (but with JAXTYPING_DISABLE=1), on one thread, by a clock that counts."""
+"""Tests check the shapes in signatures (not with JAXTYPING_DISABLE=1), on one thread, by a clock that counts."""
 
 import json
 import os

@@ -189,6 +189,9 @@ class _Search:
                 if not weaker.fit.held_out[0] < BETTER * best.held_out:
                     break
                 best, group, k = weaker.candidates()[0]
+        while self.question.neurons is None and self._grows():
+            pass
+        group, k = self._best()[1:]
         if self.question.feedthrough is None and self.pieces.u.shape[1]:
             self._again(selection.again(group, k, feedthrough=False))
 
@@ -258,6 +261,15 @@ class _Search:
         except DataError:
             return False
         self._race([self._stable(found)], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
+        return self._best()[0].held_out < BETTER * best.held_out
+
+    def _grows(self) -> bool:
+        """Try one neuron more than the best candidate has, beside those that it has; whether that was better."""
+        best, group, k = self._best()
+        if not 0 < best.neurons < selection.MOST:
+            return False
+        for hardens in (False, True) if self.loud and self.question.certified else (False,):
+            self._again(selection.grown(group, k, self.question.seeds, hardens))
         return self._best()[0].held_out < BETTER * best.held_out
 
     def _again(self, group: Group) -> Group:

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 KEPT = 1 - 1e-3  # of S, for Delta'Delta: what is left is the margin that survives rounding
 TINY, NEAR = 1e-12, 1 - 1e-6  # least density M, of the largest; norm of U at most
 REGULAR = 1e-6  # least eigenvalue of S with unit diagonal: a share 1 - KEPT of it still survives rounding
+ROOM, SHRUNK = 0.7, 200  # norm of U at which neurons without effect begin, and how often their multipliers shrink
 SLACK = 1e-4  # of |A|: the multiple of the unit matrix that A gives away
 
 
@@ -115,27 +116,27 @@ def proved(shape: Shape, v: Float[ndarray, "K p"]) -> tuple[Proved, Float[ndarra
 def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n"]) -> Float[ndarray, " p"]:
     """Return parameters of the linear model A (A + A' + kappa < 0) with neurons of no effect, A1 = 0.
 
-    T and M shrink until Delta = L^-1 (A R'M - R'T) fits below S, which it does in the end: Delta'Delta falls as T^2.
+    Raises:
+        ValueError: A + A' + kappa is not negative.
+    """
+    q, none = len(R), np.zeros(len(R))
+    return parameters_beside(shape, A, np.zeros(R.T.shape), R, none, none, np.ones(q, bool))
+
+
+def parameters_beside(
+    shape: Shape, A: Float[ndarray, "n n"], A1: Float[ndarray, "n q"], R: Float[ndarray, "q n"],
+    M: Float[ndarray, " q"], T: Float[ndarray, " q"], idle: Bool[ndarray, " q"],
+) -> Float[ndarray, " p"]:  # fmt: skip
+    """Return parameters of a model that M and T prove, with neurons beside those that have no effect yet: `idle`.
 
     Raises:
         ValueError: A + A' + kappa is not negative.
     """
-    n, q = shape.n, shape.q
-    L, fast = _root(shape, A), np.abs(np.linalg.eigvals(A)).max()
-    tau = 1.0
-    for _ in range(200):
-        T = np.full(q, tau)
-        M = 0.1 * T / fast
-        one = _Model(A, np.zeros((n, q)), R, M, T)
-        U = _share(shape, L, one)
-        if not q or np.linalg.norm(U, 2) < 0.7:
-            break
-        tau *= 0.7
-    return _flat(L, one, U)
+    return parameters_under(shape, *_with_idle(shape, _Model(A, A1, R, M, T), idle))
 
 
 def parameters_under(
-    shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n"], A1: Float[ndarray, "n q"],
+    shape: Shape, A: Float[ndarray, "n n"], A1: Float[ndarray, "n q"], R: Float[ndarray, "q n"],
     M: Float[ndarray, " q"], T: Float[ndarray, " q"],
 ) -> Float[ndarray, " p"]:  # fmt: skip
     """Return parameters of a model with multipliers M >= 0 and T that prove it; where its margin is less than what is
@@ -165,6 +166,37 @@ class _Model(NamedTuple):
     R: Float[ndarray, "q n"]
     M: Float[ndarray, " q"]
     T: Float[ndarray, " q"]
+
+    def of(self, kept: Bool[ndarray, " q"]) -> "_Model":
+        """Return the model with some of its neurons."""
+        return _Model(self.A, self.A1[:, kept], self.R[kept], self.M[kept], self.T[kept])
+
+
+def _with_idle(shape: Shape, one: _Model, idle: Bool[ndarray, " q"]) -> _Model:
+    """Return the model with multipliers for the neurons without effect that leave room to the others.
+
+    T and M shrink until Delta = L^-1 (A R'M - R'T - A1) fits below S, which it does in the end: the idle part of
+    Delta'Delta falls as T^2, that of S as T.
+    """
+    L, fast = _root(shape, one.A), np.abs(np.linalg.eigvals(one.A)).max()
+    taken = _size(shape, L, one.of(~idle))
+    most = max(ROOM, (1 + min(taken, NEAR)) / 2)
+    for k in range(SHRUNK):
+        T = np.where(idle, 0.7**k, one.T)
+        found = one._replace(T=T, M=np.where(idle, 0.1 * T / fast, one.M))
+        if _size(shape, L, found) < most:
+            break
+    return found
+
+
+def _size(shape: Shape, L: Float[ndarray, "n n"], one: _Model) -> float:
+    """Return the norm of U; infinite where S is not positive."""
+    if not len(one.T):
+        return 0.0
+    try:
+        return float(np.linalg.norm(_share(shape, L, one), 2))
+    except np.linalg.LinAlgError:
+        return np.inf
 
 
 def _share(shape: Shape, L: Float[ndarray, "n n"], one: _Model) -> Float[ndarray, "n q"]:

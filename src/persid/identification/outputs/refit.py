@@ -87,15 +87,12 @@ def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt:
 
 
 def _point(fit: StableFit, latent: Latent, dt: float, question: Question) -> tuple[Free | Stable, Batch]:
-    n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
     through = bool(question.feedthrough) or (question.feedthrough is None and bool(np.any(fit.D)))
     if fit.M is None or fit.T is None:
         return starts.free_batch(latent, through)
-    shape = Shape(n, q, question.kappa, starts.slack(latent.A, question.kappa))
+    shape = Shape(latent.n, latent.q, question.kappa, starts.slack(latent.A, question.kappa))
     try:
-        v = parameters_under(shape, latent.A[0], latent.R[0], latent.A1[0], np.abs(fit.M), fit.T * dt)
+        v = parameters_under(shape, latent.A[0], latent.A1[0], latent.R[0], np.abs(fit.M), fit.T * dt)
     except ValueError:
         raise DataError("the earlier model is slower than min_rate= asks for; fit anew, without warm_start=") from None
-    w = np.concatenate([v[None], *(part.reshape(1, -1) for part in (latent.B, latent.V[:, :, -1], latent.O))], 1)
-    free = through | ~starts.entries_of_feedthrough(w.shape[1], n, m, l)
-    return Stable(shape, m, l, free), Batch(w, latent.x0, latent.b, *latent.kind)
+    return starts.stable_point(shape, v[None], latent, through)

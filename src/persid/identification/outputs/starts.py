@@ -1,5 +1,7 @@
 """From a linear model to the points at which the nonlinear fits begin."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
@@ -7,7 +9,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Free, Stable, theta_of
-from persid.identification.outputs.parametrisation import SLACK, Shape, parameters_of
+from persid.identification.outputs.parametrisation import SLACK, Shape, parameters_beside, parameters_of
 from persid.identification.outputs.subspace import Linear
 
 SHIFTS = 1.5  # beta is drawn from +- so many standard deviations of its argument
@@ -32,9 +34,12 @@ def whitened(latent: Latent, mean: Float[ndarray, " n"], cov: Float[ndarray, "n 
     """Return one model in coordinates in which its own states, of this mean and covariance, have mean 0 and unit
     covariance.
     """
+    return latent.mapped(_whitening(cov), mean)
+
+
+def _whitening(cov: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
     w, V = np.linalg.eigh(cov)
-    w = np.maximum(w, 1e-9 * w.max())
-    return latent.mapped((V / np.sqrt(w)) @ V.T, mean)
+    return np.asarray((V / np.sqrt(np.maximum(w, 1e-9 * w.max()))) @ V.T)
 
 
 def with_neurons(
@@ -69,15 +74,49 @@ def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple
     Raises:
         ValueError: A is not stable, or slower than asked.
     """
-    n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
     mapped = stacked([_lyapunov_coordinates(latent[k : k + 1], kappa) for k in range(len(latent.W))])
-    shape = Shape(n, q, kappa, slack(mapped.A, kappa))
+    shape = Shape(latent.n, latent.q, kappa, slack(mapped.A, kappa))
     v = np.array([parameters_of(shape, A, R) for A, R in zip(mapped.A, mapped.R, strict=True)])
-    flat = [part.reshape(len(v), -1) for part in (mapped.B, mapped.V[:, :, -1], mapped.O)]
-    w = np.concatenate([v, *flat], 1)
-    free = feedthrough | ~entries_of_feedthrough(w.shape[1], n, m, l)
-    batch = Batch(w, mapped.x0.copy(), mapped.b, *latent.kind)
-    return Stable(shape, m, l, free), batch, mapped
+    return *stable_point(shape, v, mapped, feedthrough), mapped
+
+
+def grown(
+    parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"], seeds: list[int],
+    hardens: bool,
+) -> tuple[Free | Stable, Batch]:  # fmt: skip
+    """Return one fitted point with one more random neuron of no effect, once for every seed.
+
+    It is the first where it hardens, else the last. Its row has length 1 where the states, of this mean and covariance,
+    are white.
+    """
+    latent, place = parameters.latent(batch)[0], 0 if hardens else parameters.q
+    white = _whitening(cov)
+    points = []
+    for seed in seeds:
+        rng = np.random.default_rng((seed, parameters.q))
+        row = rng.normal(size=latent.n)
+        row = row / np.linalg.norm(row) @ white
+        V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
+        W = np.insert(latent.W, latent.n + place, 0.0, 2)
+        points.append(replace(latent, W=W, V=V, hardening=latent.hardening + hardens))
+    found = stacked(points)
+    through = bool(parameters.free[-latent.m - 1 : -1].any())
+    if isinstance(parameters, Free):
+        return free_batch(found, through)
+    shape, had = replace(parameters.shape, q=parameters.q + 1), parameters.proved(batch)
+    M, T, idle = np.insert(had.M[0], place, 0.0), np.insert(had.T[0], place, 0.0), np.arange(shape.q) == place
+    v = np.array(
+        [parameters_beside(shape, had.A[0], A1, R, M, T, idle) for A1, R in zip(found.A1, found.R, strict=True)]
+    )
+    return stable_point(shape, v, found, through)
+
+
+def stable_point(shape: Shape, v: Float[ndarray, "K p"], latent: Latent, through: bool) -> tuple[Stable, Batch]:
+    """Return the parametrisation, and the point with parameters v and the other entries of the models."""
+    n, m, l = latent.n, latent.m, latent.O.shape[1]  # noqa: E741
+    w = np.concatenate([v, *(part.reshape(len(v), -1) for part in (latent.B, latent.V[:, :, -1], latent.O))], 1)
+    free = through | ~entries_of_feedthrough(w.shape[1], n, m, l)
+    return Stable(shape, m, l, free), Batch(w, latent.x0.copy(), latent.b, *latent.kind)
 
 
 def slack(A: Float[ndarray, "K n n"], kappa: float) -> float:
