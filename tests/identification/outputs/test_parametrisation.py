@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from persid.identification.outputs.latent import Latent
-from persid.identification.outputs.parametrisation import Shape, parameters_of, proved
+from persid.identification.outputs.parametrisation import Shape, parameters_beside, parameters_of, proved
 from persid.identification.outputs.starts import stable_batch
 
 SHAPES = [Shape(2, 3, 0.0, 1e-4), Shape(3, 2, 0.1, 1e-4), Shape(1, 1, 0.0, 1e-4), Shape(3, 0, 0.1, 1e-4)]
@@ -66,6 +66,23 @@ def test_a_stable_linear_model_has_parameters():
     found, _ = proved(shape, parameters_of(shape, A, rng.normal(size=(4, 3)))[None])
     np.testing.assert_allclose(found.A[0], A, atol=1e-12)
     np.testing.assert_allclose(found.A1[0], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("most", "moved"), [(1 - 1e-6, 1e-9), (0.5, 0.5)])
+def test_one_neuron_more_leaves_a_model_as_it_was(most: float, moved: float):
+    """A proved model keeps its rows and its linear part, its effects give way as asked, and the new one has none."""
+    rng = np.random.default_rng(3)
+    shape, grown = Shape(3, 2, 0.0, 1e-4), Shape(3, 3, 0.0, 1e-4)
+    had, _ = proved(shape, 0.5 * rng.normal(size=(1, shape.size)))
+    assert had.valid[0]
+    R, A1 = np.vstack([had.R[0], rng.normal(size=(1, 3))]), np.hstack([had.A1[0], np.zeros((3, 1))])
+    M, T, idle = np.append(had.M[0], 0.0), np.append(had.T[0], 0.0), np.array([False, False, True])
+    found, _ = proved(grown, parameters_beside(grown, had.A[0], A1, R, M, T, idle, most)[None])
+    assert found.valid[0]
+    assert found.T[0, 2] > 0
+    np.testing.assert_allclose(found.A[0], had.A[0], atol=1e-12)
+    np.testing.assert_allclose(found.R[0], R, atol=1e-12)
+    np.testing.assert_allclose(found.A1[0], A1, atol=moved * np.abs(A1).max())
 
 
 def test_a_model_that_is_too_slow_has_none():

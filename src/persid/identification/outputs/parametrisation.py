@@ -10,7 +10,8 @@ from numpy import ndarray
 KEPT = 1 - 1e-3  # of S, for Delta'Delta: what is left is the margin that survives rounding
 TINY, NEAR = 1e-12, 1 - 1e-6  # least density M, of the largest; norm of U at most
 REGULAR = 1e-6  # least eigenvalue of S with unit diagonal: a share 1 - KEPT of it still survives rounding
-ROOM, SHRUNK = 0.7, 200  # norm of U at which neurons without effect begin, and how often their multipliers shrink
+ROOM, SHRUNK = 0.7, 200  # norm of U at which neurons without effect begin; how often their multipliers shrink, at most
+BESIDE = 0.1  # of the others' T, for one neuron more, at most
 SLACK = 1e-4  # of |A|: the multiple of the unit matrix that A gives away
 
 
@@ -116,23 +117,45 @@ def proved(shape: Shape, v: Float[ndarray, "K p"]) -> tuple[Proved, Float[ndarra
 def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n"]) -> Float[ndarray, " p"]:
     """Return parameters of the linear model A (A + A' + kappa < 0) with neurons of no effect, A1 = 0.
 
+    T and M shrink until Delta = L^-1 (A R'M - R'T) fits below S, which it does in the end: Delta'Delta falls as T^2.
+
     Raises:
         ValueError: A + A' + kappa is not negative.
     """
-    q, none = len(R), np.zeros(len(R))
-    return parameters_beside(shape, A, np.zeros(R.T.shape), R, none, none, np.ones(q, bool))
+    L, fast = _root(shape, A), np.abs(np.linalg.eigvals(A)).max()
+    for k in range(SHRUNK):
+        T = np.full(len(R), 0.7**k)
+        one = _Model(A, np.zeros(R.T.shape), R, 0.1 * T / fast, T)
+        U = _share(shape, L, one)
+        if not len(R) or np.linalg.norm(U, 2) < ROOM:
+            break
+    return _flat(L, one, U)
 
 
 def parameters_beside(
     shape: Shape, A: Float[ndarray, "n n"], A1: Float[ndarray, "n q"], R: Float[ndarray, "q n"],
-    M: Float[ndarray, " q"], T: Float[ndarray, " q"], idle: Bool[ndarray, " q"],
+    M: Float[ndarray, " q"], T: Float[ndarray, " q"], idle: Bool[ndarray, " q"], most: float = NEAR,
 ) -> Float[ndarray, " p"]:  # fmt: skip
     """Return parameters of a model that M and T prove, with neurons beside those that have no effect yet: `idle`.
+
+    A fit ends near the edge of what is proved, where there is little room for more: so U of what is there is shrunk to
+    `most`, the model giving way a little. T and M of the idle, at first a share of the others', shrink until half of
+    the room is left.
 
     Raises:
         ValueError: A + A' + kappa is not negative.
     """
-    return parameters_under(shape, *_with_idle(shape, _Model(A, A1, R, M, T), idle))
+    L, fast = _root(shape, A), np.abs(np.linalg.eigvals(A)).max()
+    own = _Model(A, A1, R, M, T).of(~idle)
+    U = _shrunk(_share(shape, L, own), most)
+    A1 = A1.copy()
+    A1[:, ~idle] = A @ (own.R.T * own.M) - own.R.T * own.T - L @ U @ _root_of_S(shape, own).T
+    for k in range(SHRUNK):
+        tau = BESIDE * np.median(own.T) * 0.7**k
+        one = _Model(A, A1, R, np.where(idle, 0.1 * tau / fast, M), np.where(idle, tau, T))
+        if _is_positive(shape, one) and np.linalg.norm(_share(shape, L, one), 2) < (1 + np.linalg.norm(U, 2)) / 2:
+            break
+    return parameters_under(shape, *one)
 
 
 def parameters_under(
@@ -147,8 +170,12 @@ def parameters_under(
     """
     L, M = _root(shape, A), np.maximum(M, TINY * M.max(initial=TINY))
     one = _Model(A, A1, R, M, T)
-    left, size, right = np.linalg.svd(_share(shape, L, one), full_matrices=False)
-    return _flat(L, one, (left * np.minimum(size, NEAR)) @ right)
+    return _flat(L, one, _shrunk(_share(shape, L, one), NEAR))
+
+
+def _shrunk(U: Float[ndarray, "n q"], most: float) -> Float[ndarray, "n q"]:
+    left, size, right = np.linalg.svd(U, full_matrices=False)
+    return np.asarray((left * np.minimum(size, most)) @ right)
 
 
 def _root(shape: Shape, A: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
@@ -167,45 +194,29 @@ class _Model(NamedTuple):
     M: Float[ndarray, " q"]
     T: Float[ndarray, " q"]
 
-    def of(self, kept: Bool[ndarray, " q"]) -> "_Model":
+    def of(self, chosen: Bool[ndarray, " q"]) -> "_Model":
         """Return the model with some of its neurons."""
-        return _Model(self.A, self.A1[:, kept], self.R[kept], self.M[kept], self.T[kept])
-
-
-def _with_idle(shape: Shape, one: _Model, idle: Bool[ndarray, " q"]) -> _Model:
-    """Return the model with multipliers for the neurons without effect that leave room to the others.
-
-    T and M shrink until Delta = L^-1 (A R'M - R'T - A1) fits below S, which it does in the end: the idle part of
-    Delta'Delta falls as T^2, that of S as T.
-    """
-    L, fast = _root(shape, one.A), np.abs(np.linalg.eigvals(one.A)).max()
-    taken = _size(shape, L, one.of(~idle))
-    most = max(ROOM, (1 + min(taken, NEAR)) / 2)
-    for k in range(SHRUNK):
-        T = np.where(idle, 0.7**k, one.T)
-        found = one._replace(T=T, M=np.where(idle, 0.1 * T / fast, one.M))
-        if _size(shape, L, found) < most:
-            break
-    return found
-
-
-def _size(shape: Shape, L: Float[ndarray, "n n"], one: _Model) -> float:
-    """Return the norm of U; infinite where S is not positive."""
-    if not len(one.T):
-        return 0.0
-    try:
-        return float(np.linalg.norm(_share(shape, L, one), 2))
-    except np.linalg.LinAlgError:
-        return np.inf
+        return _Model(self.A, self.A1[:, chosen], self.R[chosen], self.M[chosen], self.T[chosen])
 
 
 def _share(shape: Shape, L: Float[ndarray, "n n"], one: _Model) -> Float[ndarray, "n q"]:
     """Return U with Delta = U chol(KEPT S)': below 1 in norm where M and T prove the model."""
     A, A1, R, M, T = one
-    G = R @ R.T
-    S = 2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + shape.kappa * M[:, None] * G * M
     Delta = np.linalg.solve(L, A @ (R.T * M) - R.T * T - A1)
-    return np.asarray(Delta @ np.linalg.inv(np.sqrt(KEPT) * np.linalg.cholesky(S).T))
+    return np.asarray(Delta @ np.linalg.inv(_root_of_S(shape, one).T))
+
+
+def _root_of_S(shape: Shape, one: _Model) -> Float[ndarray, "q q"]:
+    return np.asarray(np.sqrt(KEPT) * np.linalg.cholesky(_S(shape, one)))
+
+
+def _is_positive(shape: Shape, one: _Model) -> bool:
+    return bool(np.linalg.eigvalsh(_S(shape, one))[0] > 0)
+
+
+def _S(shape: Shape, one: _Model) -> Float[ndarray, "q q"]:
+    G, M, T = one.R @ one.R.T, one.M, one.T
+    return np.asarray(2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + shape.kappa * M[:, None] * G * M)
 
 
 def _flat(L: Float[ndarray, "n n"], one: _Model, U: Float[ndarray, "n q"]) -> Float[ndarray, " p"]:

@@ -24,10 +24,11 @@ BETTER = 0.97  # a larger or freer model has to lower the held-out error to this
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
 SHARE = 3  # one in so many goes on, at most
 LONG_RUNGS = ((12, 20), (20, 10), (50, 4), (100, 1))  # where there are more candidates, on longer records
+GROWN_STEPS = 50  # of candidates with one neuron more than the best
 HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
-MOST = 8  # neurons
+MOST = 8  # neurons tried
 HARDENING = ((1, 1), (2, 1), (4, 2))  # tried where loud samples are held out, which tell how a model extrapolates
 LOUD = 0.05  # of the fitted samples, held out too where there are more samples than the search takes
 LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here
@@ -269,16 +270,19 @@ def again(group: Group, k: int, weaker: float = 1.0, feedthrough: bool = True) -
     return Group(group.neurons, feedthrough, group.ridges[one] / weaker, group.seeds[one], task, fit)
 
 
-def grown(group: Group, k: int, seeds: tuple[int, ...], hardens: bool) -> Group:
-    """Return one candidate with one more random neuron, once for every seed, before they are fitted on."""
-    one, before = slice(k, k + 1), group.task
+def grown(group: Group, k: int, hardens: bool) -> Group:
+    """Return one candidate with one more random neuron, before it is fitted on."""
+    one, before, seed = slice(k, k + 1), group.task, group.seeds[k] + group.neurons
     latent = before.parameters.latent(group.fit.batch[one])[0]
     seen = moments(latent, before.pieces, group.fit.start[one], before.substeps)
-    parameters, batch = starts.grown(before.parameters, group.fit.batch[one], seen.mean, seen.cov, list(seeds), hardens)
-    weights = np.full(len(seeds), before.ridge[k].max(initial=0.0))
+    parameters, batch = starts.grown(before.parameters, group.fit.batch[one], seen.mean, seen.cov, seed, hardens)
+    count = len(batch.w)
+    weights = np.full(count, before.ridge[k].max(initial=0.0))
     task = replace(before, parameters=parameters, ridge=ridge_of(parameters.latent(batch)[0], weights))
-    ridges = np.full(len(seeds), group.ridges[k])
-    return Group(group.neurons + 1, group.feedthrough, ridges, seeds, task, least_squares.begun(task, batch))
+    fit = least_squares.begun(task, batch)
+    return Group(
+        group.neurons + 1, group.feedthrough, group.ridges[[k] * count], group.seeds[k : k + 1] * count, task, fit
+    )
 
 
 def winner_of(group: Group, k: int) -> Winner:

@@ -9,9 +9,10 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Free, Stable, theta_of
-from persid.identification.outputs.parametrisation import SLACK, Shape, parameters_beside, parameters_of
+from persid.identification.outputs.parametrisation import NEAR, SLACK, Shape, parameters_beside, parameters_of
 from persid.identification.outputs.subspace import Linear
 
+GIVING = (NEAR, 0.97)  # norm of U at most, for what makes room for one neuron more
 SHIFTS = 1.5  # beta is drawn from +- so many standard deviations of its argument
 
 
@@ -81,34 +82,27 @@ def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple
 
 
 def grown(
-    parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"], seeds: list[int],
+    parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"], seed: int,
     hardens: bool,
 ) -> tuple[Free | Stable, Batch]:  # fmt: skip
-    """Return one fitted point with one more random neuron of no effect, once for every seed.
+    """Return one fitted point with one more random neuron of no effect, with less and with more room for it.
 
     It is the first where it hardens, else the last. Its row has length 1 where the states, of this mean and covariance,
     are white.
     """
-    latent, place = parameters.latent(batch)[0], 0 if hardens else parameters.q
-    white = _whitening(cov)
-    points = []
-    for seed in seeds:
-        rng = np.random.default_rng((seed, parameters.q))
-        row = rng.normal(size=latent.n)
-        row = row / np.linalg.norm(row) @ white
-        V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
-        W = np.insert(latent.W, latent.n + place, 0.0, 2)
-        points.append(replace(latent, W=W, V=V, hardening=latent.hardening + hardens))
-    found = stacked(points)
+    latent, place, rng = parameters.latent(batch)[0], 0 if hardens else parameters.q, np.random.default_rng(seed)
+    row = rng.normal(size=latent.n)
+    row = row / np.linalg.norm(row) @ _whitening(cov)
+    V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
+    W = np.insert(latent.W, latent.n + place, 0.0, 2)
+    one = replace(latent, W=W, V=V, hardening=latent.hardening + hardens)
     through = bool(parameters.free[-latent.m - 1 : -1].any())
     if isinstance(parameters, Free):
-        return free_batch(found, through)
+        return free_batch(one, through)
     shape, had = replace(parameters.shape, q=parameters.q + 1), parameters.proved(batch)
     M, T, idle = np.insert(had.M[0], place, 0.0), np.insert(had.T[0], place, 0.0), np.arange(shape.q) == place
-    v = np.array(
-        [parameters_beside(shape, had.A[0], A1, R, M, T, idle) for A1, R in zip(found.A1, found.R, strict=True)]
-    )
-    return stable_point(shape, v, found, through)
+    v = np.array([parameters_beside(shape, one.A[0], one.A1[0], one.R[0], M, T, idle, most) for most in GIVING])
+    return stable_point(shape, v, stacked([one] * len(v)), through)
 
 
 def stable_point(shape: Shape, v: Float[ndarray, "K p"], latent: Latent, through: bool) -> tuple[Stable, Batch]:
