@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from persid import plots
@@ -174,7 +173,7 @@ def _free_run(fit: Json) -> Figure:
         ax.set_ylabel(label)
     axes[0].legend(frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     axes[1].set_xlabel("t in s")
-    return _tidy(figure, axes)
+    return _tidy(figure)
 
 
 def _region(region: Json, edges: Json) -> Figure:
@@ -191,7 +190,7 @@ def _region(region: Json, edges: Json) -> Figure:
         ax.annotate(bus, path[-1], fontsize="small", ha="left", va="bottom")
     ax.set(xlabel="d21 in degrees", ylabel="d31 in degrees")
     ax.legend(frameon=False, loc="upper left")
-    return _tidy(figure, [ax])
+    return _tidy(figure)
 
 
 def _clearing(faults: Cells) -> Figure:
@@ -208,7 +207,7 @@ def _clearing(faults: Cells) -> Figure:
     ax.set_xticks(range(len(rows)), [label for label, _ in rows])
     ax.set(xlabel="bus of the short circuit", ylabel="clearing time in ms")
     ax.legend(frameon=False, ncols=2, loc="upper right")
-    return _tidy(figure, [ax])
+    return _tidy(figure)
 
 
 def _step(step: Json) -> Figure:
@@ -224,11 +223,11 @@ def _step(step: Json) -> Figure:
             ax.plot(t, sign * bound, color=plots.LEVEL, lw=1.8, label="bound" if sign > 0 else None)
         ax.set(xlabel="t in s", ylabel=f"from the new rest, in {unit}")
         ax.legend(frameon=False, fontsize="small", ncols=2, loc="upper right")
-    return _tidy(figure, axes)
+    return _tidy(figure)
 
 
-def _tidy(figure: Figure, axes: Sequence[Axes]) -> Figure:
-    for ax in axes:
+def _tidy(figure: Figure) -> Figure:
+    for ax in figure.axes:
         tidy(ax)
     return figure
 
