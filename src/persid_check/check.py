@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from flint import ctx
 
@@ -66,7 +65,7 @@ HEAD = 200  # bytes in which a file of format 2 names its format, if its length 
 
 def _proved(content: object, size: int, wanted: Meant | None, folder: Path | None, arrays: bytes | None) -> Accepted:
     """Each kind of file by its own road. The ledger needs no other room, so none is read before it is asked for."""
-    stated: Mapping[str, Any] = content if isinstance(content, dict) else {}
+    stated: Mapping[str, object] = content if isinstance(content, dict) else {}
     claim = stated.get("claim")
     if stated.get("format") == ledger.FORMAT:
         return check_ledger(stated, size, wanted, folder, arrays)

@@ -17,6 +17,7 @@ from persid_check.taylor import ORDER, Coefficient, coefficients_about, series
 Key = tuple[fmpq, fmpq, fmpq]  # exponents (b, a, d) of e^y, y, log y
 
 MAX_TERMS = 8
+EXPANSION = 32  # steps on intervals that a step on an expansion counts for
 BINOMIAL_ORDER = 5
 MAX_HEIGHT = 2000  # bits of an exact coefficient
 MAX_KEY = 10**6

@@ -49,8 +49,8 @@ def _refuse_depth(text: str) -> None:
             raise FormatError("file", f"nested more than {MAX_DEPTH} deep")
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found: dict[str, object] = {}
     for name, value in pairs:
         if name in found:
             raise FormatError("file", f"the field {name[:60]!r} stands twice in one object")

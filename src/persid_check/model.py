@@ -202,7 +202,18 @@ def model_of(form: Mapping[str, Any], *, discrete: bool = False, algebraic: bool
     b = tuple(float.fromhex(v) for v in form["b"])
     rows = tuple(tuple(row) for row in A0)
     variables, inputs = (*form["states"], *names), tuple(form["inputs"])
-    return Model(variables, inputs, x_ref, u_ref, rows, tuple(channels), B, b, dt, len(names))
+    return Model(
+        states=variables,
+        inputs=inputs,
+        x_ref=x_ref,
+        u_ref=u_ref,
+        A0=rows,
+        channels=tuple(channels),
+        B=B,
+        b=b,
+        dt=dt,
+        algebraic=len(names),
+    )
 
 
 def groups(data: Mapping[str, object]) -> tuple[Group, ...]:
@@ -247,7 +258,7 @@ def _floats(rows: list[list[str]]) -> list[list[float]]:
     return [[float.fromhex(value) for value in row] for row in rows]
 
 
-def _terms(terms: object, n: int) -> list[dict[str, Any]]:
+def _terms(terms: object, n: int) -> list[dict[str, object]]:
     if not isinstance(terms, list) or len(terms) > MAX_CHANNELS:
         raise FormatError("model.terms", f"a list of at most {MAX_CHANNELS} terms is needed")
     if sum(_channels(term, n) for term in terms) > MAX_CHANNELS:  # before zeros are written for any of them
@@ -261,7 +272,7 @@ def _channels(term: object, n: int) -> int:
     return n if R is None else max(1, len(R)) if isinstance(R, list) else 1
 
 
-def _term(where: str, term: object, n: int) -> dict[str, Any]:
+def _term(where: str, term: object, n: int) -> dict[str, object]:
     if not isinstance(term, Mapping):
         raise FormatError(where, "an object with f, R and A is needed")
     refuse_fields(where, term, ("f", "R", "A"), {"f", "A"})

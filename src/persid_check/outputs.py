@@ -16,7 +16,7 @@ UNHASHED = ("hold", "noise", "x_mean", "x_cov", "provenance")  # of a model's fi
 MAX_OUTPUTS = 1000
 
 
-def read_stated(block: Mapping[str, Any], model: Mapping[str, Any]) -> str:
+def read_stated(block: Mapping[str, object], model: Mapping[str, Any]) -> str:
     """Return the hash that a certificate's block of outputs states: its five fields are in canonical form and have it.
 
     Raises:

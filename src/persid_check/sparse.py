@@ -147,7 +147,7 @@ _VECTORS = ("x_ref", "b", "domain")
 _SUFFIXES = (".starts", ".rows", ".values")
 
 
-def _parts(data: Mapping[str, Any]) -> list[tuple[str, Any]]:
+def _parts(data: Mapping[str, Any]) -> list[tuple[str, object]]:
     terms = data["terms"] if isinstance(data.get("terms"), list) else []
     known = [(i, term) for i, term in enumerate(terms) if isinstance(term, Mapping)]
     inside = [(f"terms.{i}.{name}", term.get(name)) for i, term in known for name in "AR"]
@@ -275,17 +275,17 @@ def _from_lists(name: str, entry: object) -> dict[str, "ndarray"]:
     return {f"{name}.starts": starts, f"{name}.rows": rows, f"{name}.values": values[rows, columns]}
 
 
-def _form(matrix: Columns | None) -> dict[str, Any] | None:
+def _form(matrix: Columns | None) -> dict[str, object] | None:
     return None if matrix is None else matrix.form()
 
 
-def _vector_form(values: "ndarray | None", shape: list[int]) -> dict[str, Any] | None:
+def _vector_form(values: "ndarray | None", shape: list[int]) -> dict[str, object] | None:
     if values is None:
         return None
     return {"shape": shape, "sha256": _digest(f"vector {len(values)}\n", values)}
 
 
-def _term_form(term: SparseTerm) -> dict[str, Any]:
+def _term_form(term: SparseTerm) -> dict[str, object]:
     f = term.texts[0] if len(term.texts) == 1 else list(term.texts)
     return {"f": f, "R": _form(term.R), "A": _form(term.A)}
 
@@ -317,7 +317,7 @@ def filled(model: SparseModel) -> dict[str, Any]:
     }
 
 
-def _dense_term(term: SparseTerm, n: int) -> dict[str, Any]:
+def _dense_term(term: SparseTerm, n: int) -> dict[str, object]:
     f = term.texts[0] if len(term.texts) == 1 else list(term.texts)
     R = None if term.R is None else _dense(term.R, term.size, n)
     return {"f": f, "R": R, "A": _dense(term.A, n, term.size)}

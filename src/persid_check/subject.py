@@ -18,7 +18,7 @@ class Subject:
 
     claim: str
     sha256: str
-    form: Mapping[str, Any]
+    form: Mapping[str, object]
     model: Model
     groups: tuple[Group, ...]
 

@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import Any
 
 from persid._dyadics import exact
+from persid._files import Json
 from persid_check.ledger import FORMAT as LEDGER
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
@@ -109,7 +110,7 @@ class Claim:
         return any(i < self.model.order for i in self.dropped)
 
 
-def claim_of(content: Mapping[str, Any]) -> Claim:
+def claim_of(content: Json) -> Claim:
     """Return what the object of a certificate claims, of either format."""
     model, ledger = model_of(content["model"], discrete=True, algebraic=True), content["format"] == LEDGER
     point, rows = content["operating_point"], content["P"]
@@ -118,29 +119,29 @@ def claim_of(content: Mapping[str, Any]) -> Claim:
     strips = _strips(content) if ledger else _box(content, x or tuple(model.x_ref), radius)
     parts = _points(content) if ledger else _groups(content, model)
     return Claim(
-        kind,
-        model,
-        x,
-        radius,
-        u,
-        "diagonal" in rows,
-        tuple(rows.get("channels", ())),
-        tuple((exact(v),) for v in rows["diagonal"]) if "diagonal" in rows else _lower(rows["lower"]),
-        tuple(part for part in parts if _is_of_states(part.row, model)),
-        _lower(content["gamma"]["lower"]) if isinstance(content["gamma"], dict) else exact(content["gamma"]),
-        exact(content.get("kappa", (0, 0))),
-        exact(content.get("p", (0, 0))),
-        tuple(content["dropped"]),
-        tuple(strip for strip in strips if _is_of_states(strip[0], model)),
-        exact(content.get("level", (0, 0))),
-        exact(content.get("input_bound", (0, 0))),
-        tuple(_seen(content)),
-        tuple(_spread(each) for each in content.get("deviations", ())),
-        _square(content) if kind == "practical" else _ZERO,
+        kind=kind,
+        model=model,
+        x=x,
+        radius=radius,
+        u=u,
+        diagonal="diagonal" in rows,
+        inside=tuple(rows.get("channels", ())),
+        P=tuple((exact(v),) for v in rows["diagonal"]) if "diagonal" in rows else _lower(rows["lower"]),
+        parts=tuple(part for part in parts if _is_of_states(part.row, model)),
+        gamma=_lower(content["gamma"]["lower"]) if isinstance(content["gamma"], dict) else exact(content["gamma"]),
+        kappa=exact(content.get("kappa", (0, 0))),
+        p=exact(content.get("p", (0, 0))),
+        dropped=tuple(content["dropped"]),
+        strips=tuple(strip for strip in strips if _is_of_states(strip[0], model)),
+        level=exact(content.get("level", (0, 0))),
+        input_bound=exact(content.get("input_bound", (0, 0))),
+        outputs=tuple(_seen(content)),
+        deviations=tuple(_spread(each) for each in content.get("deviations", ())),
+        square=_square(content) if kind == "practical" else _ZERO,
     )
 
 
-def _square(content: Mapping[str, Any]) -> Fraction:
+def _square(content: Json) -> Fraction:
     """Return (max(c_0 + kappa e_V, 0) / kappa + o_V) / p."""
     ledger = read_ledger(content)
     matrices = assemble(ledger)
@@ -151,12 +152,12 @@ def _is_of_states(row: Row, model: Model) -> bool:
     return all(i < model.order for i in row)
 
 
-def _spread(stored: Mapping[str, Any]) -> Spread:
+def _spread(stored: Json) -> Spread:
     columns, C = (tuple(_row(row) for row in stored[name]) for name in ("columns", "C"))
     return Spread(columns, C, exact(stored["s"]), exact(stored["epsilon"]))
 
 
-def _ball(point: Mapping[str, Any], order: int) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:
+def _ball(point: Json, order: int) -> tuple[tuple[Fraction, ...], Fraction, tuple[Fraction, ...]]:
     return _exact(point["x"])[:order], exact(point["radius"]), _exact(point["u"])
 
 
@@ -164,7 +165,7 @@ def _exact(pairs: Sequence[Sequence[int]]) -> tuple[Fraction, ...]:
     return tuple(exact(pair) for pair in pairs)
 
 
-def _lower(rows: Sequence[Any]) -> tuple[tuple[Fraction, ...], ...]:
+def _lower(rows: Sequence[Sequence[Sequence[int]]]) -> tuple[tuple[Fraction, ...], ...]:
     return tuple(_exact(row) for row in rows)
 
 
@@ -172,13 +173,13 @@ def _row(pairs: Sequence[Any]) -> Row:
     return {i: exact(pair) for i, pair in pairs}
 
 
-def _groups(content: Mapping[str, Any], model: Model) -> Iterator[Part]:
+def _groups(content: Json, model: Model) -> Iterator[Part]:
     """Parts of version 1: every form of a group is used."""
     for group, stored in zip(groups_of(model), content["groups"], strict=True):
         yield Part(group.row, tuple(group.members), tuple(map(_exact, stored["forms"])), _exact(stored["mu"]))
 
 
-def _points(content: Mapping[str, Any]) -> Iterator[Part]:
+def _points(content: Json) -> Iterator[Part]:
     """Parts of the ledger: of each point the forms of its curve that a density or a fact uses."""
     used: list[dict[int, Fraction]] = [{} for _ in content["points"]]
     for p, point in enumerate(content["points"]):
@@ -199,7 +200,7 @@ def _points(content: Mapping[str, Any]) -> Iterator[Part]:
         yield Part(_row(point["row"]), tuple(members), forms, tuple(mine[k] for k in sorted(mine)))
 
 
-def _strips(content: Mapping[str, Any]) -> Iterator[tuple[Row, Fraction, Fraction]]:
+def _strips(content: Json) -> Iterator[tuple[Row, Fraction, Fraction]]:
     for point in content["points"]:
         domain = content["curves"][point["curve"]]["domain"]
         if domain is not None:
@@ -208,15 +209,13 @@ def _strips(content: Mapping[str, Any]) -> Iterator[tuple[Row, Fraction, Fractio
         yield _row(row), exact(lo), exact(hi)
 
 
-def _box(
-    content: Mapping[str, Any], centre: Sequence[Fraction], radius: Fraction
-) -> Iterator[tuple[Row, Fraction, Fraction]]:
+def _box(content: Json, centre: Sequence[Fraction], radius: Fraction) -> Iterator[tuple[Row, Fraction, Fraction]]:
     """The box of version 1 as strips about x*, for every x* in the ball."""
     for i, (side, x) in enumerate(zip(content.get("box", ()), centre, strict=False)):
         yield {i: Fraction(1)}, exact(side[0]) - x + radius, exact(side[1]) - x - radius
 
 
-def _seen(content: Mapping[str, Any]) -> Iterator[Seen]:
+def _seen(content: Json) -> Iterator[Seen]:
     """The outputs; in the ledger a Lipschitz constant stands before its cuts."""
     block = content.get("outputs")
     if not block:

@@ -47,7 +47,7 @@ def factor(M: Float[ndarray, "k k"], accuracy: float = 10.0) -> list[list[int]]:
         return []
     exponents, scaled = _scaled(M)
     L = _cholesky(scaled)
-    T: Any = sla.lapack.dtrtri(L, lower=1)[0]
+    T: ndarray = sla.lapack.dtrtri(L, lower=1)[0]
     condition = np.linalg.norm(T, np.inf) * np.linalg.norm(L, np.inf)
     bits = int(np.clip(np.ceil(np.log2(accuracy * size * condition)), 12, 50))
     shifts = [int(e) for e in exponents - exponents.min()]

@@ -1,6 +1,6 @@
 """The certificate of a proposal: facts of every kind, rows that are exactly zero, strips of a region."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -25,16 +25,18 @@ from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point, steepness
 from persid.lyapunov.practical import Rough
 from persid.lyapunov.proposals import Proposal
+from persid.lyapunov.unknowns import Label
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid_check.ledger import FORMAT
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
+from persid_check.ledger.values import Ledger
 
 RISING = ("nondecreasing",)
 SHORT = 20  # bits of a bound of slopes
-Strip = tuple[dict[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
+Strip = tuple[Mapping[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 
 def prove_facts(
@@ -150,7 +152,7 @@ def _least(Pt: Float[ndarray, "k k"], n: int) -> float:
     return float(1 / np.linalg.eigvalsh(inverse[:n, :n])[-1])
 
 
-def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[Any, float]:
+def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[object, float]:
     """Return Gamma a little above the least one, gamma I or a matrix, as a file has it, and its largest eigenvalue."""
     if each and len(least):
         sizes = np.diag(least)
@@ -161,9 +163,9 @@ def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[Any, float]:
     return rounded(gamma), gamma
 
 
-def _sides(ledger: Any) -> list[Strip]:
+def _sides(ledger: Ledger) -> list[Strip]:
     domains = ((point.row, ledger.curves[point.curve].domain) for point in ledger.points)
-    return [*((row, *domain) for row, domain in domains if domain is not None), *ledger.strips]
+    return [*((row, domain[0], domain[1]) for row, domain in domains if domain is not None), *ledger.strips]
 
 
 def _value(proposal: Proposal, label: tuple[object, ...]) -> list[int]:
@@ -178,7 +180,7 @@ class _Used:
     densities: set[int]
 
 
-def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any]], Json]:
+def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[object]], Json]:
     """Return the curves, the points, the facts of a file, and what it says of equations."""
     frame = proposal.frame
     used = [_Used({}, set()) for _ in frame.points]
@@ -198,7 +200,7 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[Any
         densities = [[at[p][k], _value(proposal, ("mu", p, k))] for k in sorted(used[p].densities)]
         row = [[i, dyadic(r)] for i, r in point.row.items()]
         points.append({"curve": place, "row": row, "channels": list(point.channels), "densities": densities})
-    facts: dict[str, list[Any]] = {"value": [], "one_signed": [], "difference": [], "constant": []}
+    facts: dict[str, list[object]] = {"value": [], "one_signed": [], "difference": [], "constant": []}
     for label, value in proposal.values.items():
         match label:
             case ("value" | "slope" as kind, p, k, j):
@@ -227,7 +229,7 @@ def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:
     return {"solvable": solvable, "equations": _rows(proposal, "equation", count), "bounds": []}
 
 
-def _rows(proposal: Proposal, name: str, count: int) -> list[Any]:
+def _rows(proposal: Proposal, name: str, count: int) -> list[list[list[Any]]]:
     """Return the rows of multipliers of so many equations."""
     frame, rows = proposal.frame, [list[Any]() for _ in range(count)]
     channels = {at: frame.n + c for c, at in frame.places.items()}
@@ -240,7 +242,7 @@ def _rows(proposal: Proposal, name: str, count: int) -> list[Any]:
     return [sorted(row) for row in rows]
 
 
-def _uses(label: tuple[Any, ...]) -> list[tuple[int, int, tuple[str, ...]]]:
+def _uses(label: Label) -> list[tuple[int, int, tuple[str, ...]]]:
     """Return the points and forms that an unknown reads, with the kinds that will do."""
     match label:
         case ("mu", p, k):

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import gcd, lcm
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def dyadic(number: Fraction) -> list[int]:
     return [number.numerator, 1 - number.denominator.bit_length()]
 
 
-def written_cuts(cuts: Cuts) -> list[Any]:
+def written_cuts(cuts: Cuts) -> list[int | list[int]]:
     """Write cuts with their common exponent."""
     scale = lcm(*(t.denominator for t in cuts))
     if scale & (scale - 1):
@@ -130,7 +129,7 @@ class Curve:
             "products": [self._product([use.form for use in uses], *product) for product in products],
         }
 
-    def _product(self, forms: Sequence[Form], k: int, j: int, c: Fraction) -> list[Any]:
+    def _product(self, forms: Sequence[Form], k: int, j: int, c: Fraction) -> list[object]:
         cuts = cuts_of_product(self.product(forms[k], forms[j], c))
         if cuts is None:
             raise RoundingError(f"no proof of a product with the constant {float(c)}")
@@ -162,7 +161,7 @@ class Curve:
                 return kind, cuts
         raise RoundingError(f"no proof of the form {[float(v) for v in form]}")
 
-    def _upper(self, form: Form, kind: str, c: Fraction, e: Fraction = _ZERO) -> list[Any]:
+    def _upper(self, form: Form, kind: str, c: Fraction, e: Fraction = _ZERO) -> list[object]:
         free = kind in ("nondecreasing", "rising") and c >= 1
         if free or (not any(form[1:]) and c >= Fraction(1, 2)):
             return [dyadic(c), [0, 0], None]
@@ -359,7 +358,7 @@ def _relative_box(content: Json, model: Model) -> list[tuple[Fraction, Fraction]
     ]
 
 
-def _strips(content: Json, model: Model, points: list[Json], curves: list[Json]) -> list[Any]:
+def _strips(content: Json, model: Model, points: list[Json], curves: list[Json]) -> list[object]:
     """Return the sides of the box, but for those that stand as the domain of a point."""
     sides = [([[i, [1, 0]]], [dyadic(lo), dyadic(hi)]) for i, (lo, hi) in enumerate(_relative_box(content, model))]
     standing = [(point["row"], curves[point["curve"]]["domain"]) for point in points]

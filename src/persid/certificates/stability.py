@@ -3,8 +3,6 @@
 It is a ledger; version 1 is written where a lemma has no partition that is found, and no outputs are bounded.
 """
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -130,7 +128,7 @@ def _is_incremental(lyapunov: Lyapunov) -> bool:
     )
 
 
-def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, ndarray, Any]:
+def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, ndarray, object]:
     """Return crossing, push and Gamma in the user's units, and Gamma as the file has it: gamma I, or a matrix."""
     side, push, units = lyapunov.crossing, lyapunov.push, lyapunov.units
     if units is None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +17,7 @@ from persid.identification.regressions import sparse_coefficients
 from persid.measurements.engines import Progress
 from persid.models.model import PersidskiiModel
 from persid.verdicts.batches import Answer, certify_many, was_interrupted
+from persid.verdicts.options import AskedAtRate
 from persid.verdicts.summary import summarize
 from persid.verdicts.verdict import Certified
 
@@ -71,11 +72,11 @@ def bootstrap(
     count: int = 200,
     *,
     seed: int = 0,
-    engine: Any = "processes",
+    engine: object = "processes",
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    **question: Any,
+    **question: Unpack[AskedAtRate],
 ) -> Bootstrap:
     """Refit a model to resampled data and ask for the verdict on every refit.
 
@@ -104,8 +105,10 @@ def bootstrap(
         raise DataError(f"count = {count}; needed is at least one refit")
     rng = np.random.default_rng(seed)
     draws = rng.multinomial(len(grams), np.full(len(grams), 1 / len(grams)), size=count)
-    how: dict[str, Any] = {"ridge": fit.ridge_, "share": fit.threshold, "monotone": fit.monotone}
-    thetas = [sparse_coefficients(weighted(grams, draw.tolist()), **how) for draw in draws]
+    thetas = [
+        sparse_coefficients(weighted(grams, draw.tolist()), fit.ridge_, fit.threshold, monotone=fit.monotone)
+        for draw in draws
+    ]
     models = [fit.basis_.model(theta, domain=fit.model_.domain) for theta in thetas]
     answers = certify_many(models, engine=engine, jobs=jobs, scheduler=scheduler, progress=progress, **question)
     done = [k for k, answer in enumerate(answers) if not was_interrupted(answer)]

@@ -12,6 +12,7 @@ from numpy import ndarray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
+from persid._files import Json
 from persid._threads import few_threads
 from persid.certificates.certificate import Certificate
 from persid.certificates.margin import Margin
@@ -140,7 +141,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         self.progress = progress
 
     def fit(
-        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
     ) -> "CertifiedIdentifier":
         """Fit freely, then under the certificate; X, y, u, t and dt are those of the estimator's `fit`.
 
@@ -181,7 +182,7 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
 
     def _final(
         self,
-        given: Mapping[str, Any],
+        given: Json,
         data: Trajectories,
         table: tuple[Candidate, ...],
         deadline: float,
@@ -226,9 +227,15 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             return gram.basis.model(theta, domain=box, provenance=provenance)
 
         return Task(
-            gram, ridge, _fixed(self.fixed, fitted), demand, make, box if self.scope == "regional" else None,
-            deadline, self.progress or (lambda line: None),
-        )  # fmt: skip
+            gram=gram,
+            ridge=ridge,
+            fixed=_fixed(self.fixed, fitted),
+            demand=demand,
+            make=make,
+            box=box if self.scope == "regional" else None,
+            deadline=deadline,
+            progress=self.progress or (lambda line: None),
+        )
 
     def _demands(self, fitted: PersidskiiIdentifier) -> Iterator[Demand]:
         """Yield what the inequality has to show: a gain needs some rate, and several are tried."""
@@ -291,7 +298,17 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
                 certified = certificate_of(task, found.frame, model, found.point) is not None
         excess = np.inf if found is None else found.excess
         names, seconds = shown(functions, self.free_.model_.states), time.perf_counter() - began
-        return Candidate(functions, names, choice.ridge, found is not None, certified, error, r2, excess, seconds)
+        return Candidate(
+            functions=functions,
+            names=names,
+            ridge=choice.ridge,
+            feasible=found is not None,
+            certified=certified,
+            error=error,
+            r2=r2,
+            excess=excess,
+            seconds=seconds,
+        )
 
     def _ridges(self, n: int) -> list[float]:
         strengths = [max(self.free_.ridge_ * share, LEAST_RIDGE) for share in RIDGES]
@@ -326,14 +343,14 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
         self.certificate_ = self.verdict_.certificate if isinstance(self.verdict_, Certified) else None
         excess = None if result is None else result.excess
         self.report_ = CertifiedReport(
-            free,
-            None if result is None else certified,
-            self.ridge_,
-            excess,
-            self.stop_,
-            seconds,
-            self.history_,
-            self.table_,
+            free=free,
+            certified=None if result is None else certified,
+            ridge=self.ridge_,
+            excess=excess,
+            stop=self.stop_,
+            seconds=seconds,
+            history=self.history_,
+            table=self.table_,
         )
 
     def _beside_plants(self, result: Result, attempts: tuple[Attempt, ...], time_limit: float) -> Certified:
@@ -345,18 +362,22 @@ class CertifiedIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn 
             return replace(own, attempts=attempts + own.attempts, margin=larger(margin, own.margin))
         return Certified(result.certificate, attempts, margin=margin)
 
-    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
+    def predict(
+        self, X: object, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other)."""
         check_is_fitted(self, "model_")
         data = self.free_._known(X, u, t, dt)
         return np.concatenate([freerun.one_step(self.model_, run, self.free_.hold) for run in data])
 
-    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+    def simulate(self, x0: object, t: Float[ndarray, " N"], u: object = None) -> Trajectories:
         """Simulate the model from x0; see the model's."""
         check_is_fitted(self, "model_")
         return self.model_.simulate(x0, t, u)
 
-    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
+    def score(
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> float:
         """Return the R2 of free runs over all runs, the mean over states; y is refused."""
         check_is_fitted(self, "model_")
         refuse_target(None if estimator(self.free_.method).slopes else y)

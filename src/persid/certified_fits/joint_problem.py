@@ -254,10 +254,20 @@ class Frame:
         gradient = Pairs(terms.p, terms.q - len(S), terms.owner, terms.weight)[slopes]
         product = Pairs(terms.p, terms.q, terms.owner, terms.weight)[~slopes]
         return Inequality(
-            S, terms.rho, terms.upper, self._scaled_flow(self.given), kept, gradient, product, self._flow_pairs(),
-            terms.cost, len(kept) if self.full_P else 0, self.demand.kappa / self.units.rate, self.demand.delta,
-            len(self.fit.w0),
-        )  # fmt: skip
+            S=S,
+            rho=terms.rho,
+            upper=terms.upper,
+            base=self._scaled_flow(self.given),
+            states=kept,
+            gradient=gradient,
+            product=product,
+            flow=self._flow_pairs(),
+            cost=terms.cost,
+            symmetric=len(kept) if self.full_P else 0,
+            kappa=self.demand.kappa / self.units.rate,
+            delta=self.demand.delta,
+            coefficients=len(self.fit.w0),
+        )
 
     @cached_property
     def _columns(self) -> ndarray:

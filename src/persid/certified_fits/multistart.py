@@ -60,7 +60,15 @@ class Task:
 
     def frame(self, full_P: bool, anchor: ndarray | None) -> Frame:
         """Return a frame of this task."""
-        return Frame(self.gram, self.ridge, self.fixed, full_P, self.demand, anchor, self.box)
+        return Frame(
+            gram=self.gram,
+            ridge=self.ridge,
+            fixed=self.fixed,
+            full_P=full_P,
+            demand=self.demand,
+            anchor=anchor,
+            box=self.box,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -197,7 +196,12 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             raise DataError(f"warm_start= cannot be used: {error}") from None
 
     def _free(
-        self, answer: Answer, records: list[Any], step: float, question: Question, tell: Callable[[str, float], None]
+        self,
+        answer: Answer,
+        records: Sequence[tuple[ndarray, ndarray]],
+        step: float,
+        question: Question,
+        tell: Callable[[str, float], None],
     ) -> float | None:
         chosen = answer.candidate
         same = replace(
@@ -229,9 +233,16 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         alike = [one for one in answer.candidates if (one.order, one.neurons) == size]
         seeds = {one.seed: one.held_out for one in reversed(alike)}  # the best of them stands first
         self.report_ = OutputReport(
-            answer.candidates, chosen, error, chosen.held_out, answer.linear, free,
-            tuple(sorted(seeds.values())), tuple(remarks), answer.interrupted,
-        )  # fmt: skip
+            candidates=answer.candidates,
+            chosen=chosen,
+            error=error,
+            held_out=chosen.held_out,
+            linear=answer.linear,
+            free=free,
+            seeds=tuple(sorted(seeds.values())),
+            remarks=tuple(remarks),
+            interrupted=answer.interrupted,
+        )
 
     def _verdict(self, fit: StableFit, seed: int, demand: Demand) -> Verdict:
         """Keep the fit with its model, and return the verdict on it."""

@@ -86,7 +86,7 @@ if TYPE_CHECKING:
 @batching
 @talking
 def certify(
-    *, models: tuple[Path, ...], output: Path, operating_point: Any, u_op: Any, domain: str, time_limit: float,
+    *, models: tuple[Path, ...], output: Path, operating_point: object, u_op: object, domain: str, time_limit: float,
     rate: float | None, gains: str, claim: str, device: str, plants: Path | None, plant: tuple[Path, ...], hold: str,
     bound: list[float] | None, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
@@ -110,8 +110,8 @@ def certify(
     targets = _targets(models, output)
     if plant and len(models) > 1:
         raise click.UsageError("--plant goes with one model")
-    asked = {**question(operating_point, u_op, domain, time_limit, rate), "gains": gains, "claim": claim}
-    asked |= {"device": device}
+    asked = question(operating_point, u_op, domain, time_limit, rate)
+    asked |= {"gains": gains, "claim": claim, "device": device}
     alone = read_any_model(models[0]) if len(models) == 1 else None
     beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
     for target in (*targets, *filter(None, beside)):
@@ -228,7 +228,7 @@ def _write_proof(
 
 def _plant(
     verdict: Any, model: Any, files: tuple[Path, ...], hold: str, bound: list[float] | None
-) -> tuple[Any, list[tuple[str, str]]]:
+) -> tuple[object, list[tuple[str, str]]]:
     """Return what measurements say of the plant, for programs and for people; nothing of a model without a margin."""
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
@@ -242,7 +242,7 @@ def _plant(
     return found.to_dict(), [("of the plant", str(found))]
 
 
-def _write_plants(verdict: Any, target: Path) -> str | None:
+def _write_plants(verdict: object, target: Path) -> str | None:
     """Write the certificate of every plant within the residual margin, where there is one; an old one goes."""
     margin = getattr(verdict, "margin", None)
     if margin is None:

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from errno import ENOSPC
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from persid._files import Json, in_place
+from persid._files import in_place
 from persid._text import SECONDS, above, below, pace
 from persid.errors import DataError, ModelError, PersidError
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from persid.models.descriptor import DescriptorModel
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
+    from persid.verdicts.options import AskedAtRate
     from persid.verdicts.verdict import Certified, Verdict
 
 DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
@@ -68,9 +69,9 @@ def refuse_unwritable(path: Path) -> None:
 
 
 @contextmanager
-def kept(folder: Path) -> Iterator[Callable[[Any], None]]:
+def kept(folder: Path) -> Iterator[Callable[["PersidskiiModel | OutputModel"], None]]:
     """Yield what takes a fit that is finished; where the work after it is interrupted, the newest one is written."""
-    finished: list[Any] = []
+    finished: list[PersidskiiModel | OutputModel] = []
     try:
         yield finished.append
     except KeyboardInterrupt:
@@ -113,7 +114,7 @@ def uninterrupted(verdict: "Verdict") -> "Verdict":
 
 def question(
     operating_point: object, u_op: object, domain: str, time_limit: float | int, rate: float | None = None
-) -> Json:
+) -> "AskedAtRate":
     """Return the arguments of `persid.verdicts.certify`."""
     point = "auto" if operating_point is None else operating_point
     return {"operating_point": point, "u_op": u_op, "domain": domain, "time_limit": time_limit, "rate": rate}

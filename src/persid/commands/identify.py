@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
@@ -41,6 +41,7 @@ from persid.commands.options import (
 )
 from persid.commands.outputs import Asked, run_outputs
 from persid.commands.words import as_given
+from persid.measurements.options import ReadingOf
 
 if TYPE_CHECKING:
     from persid.identification.diagnostics import FitReport
@@ -148,7 +149,7 @@ def run(
         measured, usual = strided(measured, fit.stride_), usual and not fit.model_.is_discrete
         asked = question(operating_point, u_op, domain, time_limit, rate)
         verdict = uninterrupted(certify(fit.model_, progress=progress, **asked))
-        shared: dict[str, Any] = {"time_limit": time_limit, "progress": progress, "rate": rate}
+        shared: Json = {"time_limit": time_limit, "progress": progress, "rate": rate}
         made = (
             deliver(fit, verdict, given, select=select, price=price, residual_margin=margin, **shared)
             if usual
@@ -278,7 +279,7 @@ def bootstrap(
         measured = _measurements(data, "memory", None, progress, **how)
         progress("identifying the model")
         fit = _identify(measured, functions=functions, ridge=ridge, method=method, **chosen)
-        where: dict[str, Any] = {"engine": None if engine == "processes" and jobs == 1 else engine, "jobs": jobs}
+        where: Json = {"engine": None if engine == "processes" and jobs == 1 else engine, "jobs": jobs}
         asked = question(operating_point, u_op, domain, time_limit, rate)
         found = batches.bootstrap(fit, count, seed=seed, scheduler=scheduler, progress=progress, **where, **asked)
     content = batches.figures(found, fit)
@@ -293,7 +294,7 @@ def bootstrap(
 
 
 def _measurements(
-    data: Sequence[Path], engine: str, scheduler: str | None, progress: Callable[[str], None], **how: Any
+    data: Sequence[Path], engine: str, scheduler: str | None, progress: Callable[[str], None], **how: Unpack[ReadingOf]
 ) -> "Measurements":
     """Read measurements into memory, or look through them where they are."""
     from persid.measurements.opening import files_of, open_recordings

@@ -2,7 +2,8 @@
 
 import csv
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,9 @@ else:
     ParamType = click.ParamType  # click 8.1 has no [...] here
 
 
+Command = Callable[..., int | None]  # a function behind a command: takes its options by name, returns its exit code
+Chosen = dict[str, Any]  # options by name, as click has read them: each has the type that its kind below returns
+
 MISSING = ("error", "split", "drop", "interpolate")
 
 
@@ -26,7 +30,9 @@ class Names(ParamType):
 
     name = "names"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: str | Sequence[str], param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[str]:
         """Split at commas."""
         names = next(csv.reader([value], skipinitialspace=True), []) if isinstance(value, str) else value
         if not all(str(name).strip() for name in names):
@@ -39,7 +45,7 @@ class Numbers(ParamType):
 
     name = "numbers"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> list[float]:
         """Split at commas and read each number."""
         try:
             return [float(part) for part in value.split(",")]
@@ -52,7 +58,9 @@ class Delays(ParamType):
 
     name = "name=time"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: str | dict[str, float], param: click.Parameter | None, ctx: click.Context | None
+    ) -> dict[str, float]:
         """Return seconds by the name of the input."""
         if not isinstance(value, str):
             return value
@@ -76,7 +84,9 @@ class Functions(ParamType):
 
     name = "list"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[str] | list[list[str]]:
         """Split at semicolons, then at commas, but not within parentheses: a table holds both."""
         lists = [[part.strip() for part in split_outside(one, ",")] for one in split_outside(value, ";")]
         if not all(part for one in lists for part in one):
@@ -89,7 +99,7 @@ class Ridge(ParamType):
 
     name = "number|auto"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: str | float, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
         """Read the number."""
         try:
             return value if value == "auto" else float(value)
@@ -103,7 +113,7 @@ class Count(ParamType):
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
         """Read the number."""
         return click.INT.convert(value, param, ctx)
 
@@ -114,7 +124,7 @@ class Given(ParamType):
     def __init__(self, kind: ParamType) -> None:
         self.kind, self.name = kind, f"{kind.name}|auto"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
         """Read the value."""
         return value if value == "auto" else self.kind.convert(value, param, ctx)
 
@@ -124,7 +134,9 @@ class Velocities(ParamType):
 
     name = "pairs|auto|none"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | dict[str, str] | None:
         """Split at commas and read each pair."""
         if value in ("auto", None):
             return value
@@ -141,7 +153,7 @@ class Pattern(ParamType):
 
     name = "rows"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> list[list[bool]]:
         """Split at semicolons, then at commas."""
         rows = [[part.strip() for part in row.split(",")] for row in value.split(";")]
         if any(len(row) != len(rows) for row in rows) or any(part not in ("0", "1") for row in rows for part in row):
@@ -154,7 +166,7 @@ class Auto(ParamType):
 
     name = "integer|auto"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str | int:
         """Read the number."""
         try:
             return value if value == "auto" else int(value)
@@ -162,13 +174,8 @@ class Auto(ParamType):
             self.fail(f'{value!r} is neither "auto" nor a whole number', param, ctx)
 
 
-def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def decorate(function: Any) -> Any:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return decorate
+def together(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
 SHELLS = ("bash", "zsh", "fish")
@@ -233,7 +240,7 @@ OUTPUT_OPTIONS = (
 )
 
 
-def output_options(how: dict[str, Any]) -> dict[str, Any]:
+def output_options(how: Chosen) -> Chosen:
     """Take the options of a fit to inputs and outputs that were given out of all options."""
     found = {name: how.pop(name) for name in OUTPUT_OPTIONS}
     return {name: value for name, value in found.items() if value is not None and value is not False}
@@ -283,7 +290,7 @@ FIT_OPTIONS = ("stride", "hold", "derivatives", "delays", "window", "x_ref", "sc
                "velocities", "allow_underdetermined", "instruments")  # fmt: skip
 
 
-def fit_options(how: dict[str, Any]) -> dict[str, Any]:
+def fit_options(how: Chosen) -> Chosen:
     """Take the options of a fit that commands hand through out of all options."""
     time = "discrete" if how.pop("discrete") else "continuous"
     return {"time": time, **{name: how.pop(name) for name in FIT_OPTIONS}}

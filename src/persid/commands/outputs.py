@@ -1,10 +1,10 @@
 """What `persid run --outputs` does: a certified model of a system of which only inputs and outputs are measured."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from persid._files import Json
 from persid.commands.console import Talk
 from persid.commands.exit_codes import EXIT, kept, time_unit, uninterrupted, verdict_rows
 
@@ -18,8 +18,8 @@ class Asked:
 
     files: tuple[Path, ...]
     test: tuple[Path, ...]
-    reading: Mapping[str, Any]
-    options: Mapping[str, Any]
+    reading: Json
+    options: Json
     command: str
 
 
@@ -51,7 +51,15 @@ def run_outputs(asked: Asked, folder: Path, talk: Talk) -> int:
         compared = {"candidates": [asdict(one) for one in report.candidates], "notes": notes, "unseen": bool(unfitted)}
         progress("drawing the report")
         seen = sources(unfitted or found)
-        record = Record(asked.command, seen, asked.reading, None, verdict.attempts, versions(), compared)
+        record = Record(
+            command=asked.command,
+            sources=seen,
+            reading=asked.reading,
+            fit=None,
+            attempts=verdict.attempts,
+            versions=versions(),
+            comparison=compared,
+        )
         record = replace(record, time_unit=time_unit())
         proof = write_folder(folder, Results(fit.model_, verdict, unseen or measured, record))
     brief = summarize(verdict)

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
 from persid.commands.console import Talk
 from persid.commands.exit_codes import DONE, read_model
-from persid.commands.options import FILE, MEASUREMENTS, appending, columns, talking
+from persid.commands.options import FILE, MEASUREMENTS, Chosen, appending, columns, talking
+from persid.measurements.options import Reading, ReadingOf
 
 if TYPE_CHECKING:
     from persid.identification.scores import Scores
@@ -55,7 +56,7 @@ def other_files(files: Sequence[Path]) -> str:
     return f"{len(files)} other file{'' if len(files) == 1 else 's'}"
 
 
-def _score_outputs(path: Path, model: "OutputModel", data: Sequence[Path], talk: Talk, how: dict[str, Any]) -> int:
+def _score_outputs(path: Path, model: "OutputModel", data: Sequence[Path], talk: Talk, how: Chosen) -> int:
     """Print how free runs, each from a state that its first samples tell, follow the outputs of the files."""
     if any([how.pop("derivatives"), how.pop("delays")]):
         raise click.UsageError("--derivatives and --delays go with models of states; an output model has its own")
@@ -68,14 +69,14 @@ def _score_outputs(path: Path, model: "OutputModel", data: Sequence[Path], talk:
     return DONE
 
 
-def unseen_output_scores(model: "OutputModel", files: Sequence[Path], **how: Any) -> "OutputScores":
+def unseen_output_scores(model: "OutputModel", files: Sequence[Path], **how: Unpack[Reading]) -> "OutputScores":
     """Return the scores of an output model on files that its fit has not seen; columns are those of the model."""
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.reports.output_runs import OutputScores, output_runs
 
-    how |= {"states": list(model.outputs), "inputs": list(model.dynamics.inputs)}
-    return OutputScores.of(output_runs(model, read_measurements(files_of(list(files)), **how)), model.outputs)
+    asked: ReadingOf = {**how, "states": list(model.outputs), "inputs": list(model.dynamics.inputs)}
+    return OutputScores.of(output_runs(model, read_measurements(files_of(list(files)), **asked)), model.outputs)
 
 
 def unseen_scores(model: "PersidskiiModel", measured: "Trajectories", basis: str, hold: str = "zoh") -> "Scores":
@@ -88,7 +89,7 @@ def unseen_scores(model: "PersidskiiModel", measured: "Trajectories", basis: str
 
 
 def _measured(
-    model: "PersidskiiModel", files: Sequence[Path], derivatives: int, delays: int, **how: Any
+    model: "PersidskiiModel", files: Sequence[Path], derivatives: int, delays: int, **how: Unpack[Reading]
 ) -> "Trajectories":
     """Read the columns of a model's states and inputs; states that a fit has appended are appended again.
 
@@ -101,7 +102,8 @@ def _measured(
     from persid.measurements.readers import read_measurements
 
     base = list(model.states[: model.n // (1 + derivatives + delays)])
-    found = read_measurements(files_of(list(files)), **how | {"states": base, "inputs": list(model.inputs)})
+    asked: ReadingOf = {**how, "states": base, "inputs": list(model.inputs)}
+    found = read_measurements(files_of(list(files)), **asked)
     found = embedded(found, derivatives, delays)
     if found.states != model.states:
         given = f"derivatives={derivatives} and delays={delays}"

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid.errors import DataError, ModelError
 from persid.measurements.readers import read_csv
 from persid.measurements.trajectories import Trajectories
@@ -57,7 +57,7 @@ def start(
     x0: Sequence[float] | None,
     y_init: Path | None,
     time: str | None,
-) -> dict[str, Any]:
+) -> Json:
     """Return where a simulation starts: x0, or of an output model the outputs of the first rows of a table.
 
     Raises:
@@ -87,7 +87,7 @@ def signal(text: str) -> Callable[[float], float]:
     return lambda t: float(f.value(t))
 
 
-def _joined(parts: Sequence[Callable[[float], float]]) -> Callable[[float], Any]:
+def _joined(parts: Sequence[Callable[[float], float]]) -> Callable[[float], object]:
     return lambda t: np.array([part(t) for part in parts])
 
 

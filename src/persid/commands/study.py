@@ -5,10 +5,9 @@ from pathlib import Path
 import click
 
 from persid.commands.console import Talk, complain
+from persid.commands.exit_codes import DONE, INTERRUPTED
 from persid.commands.options import NEW_FOLDER, talking
 from persid.studies import STUDIES
-
-DONE, INTERRUPTED = 0, 130
 
 
 @click.command()

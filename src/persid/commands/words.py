@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import click
+
+from persid._files import Json
 
 OPTIONS = {
     name: "--" + name.replace("_", "-")
@@ -41,12 +42,12 @@ def _option(match: re.Match[str]) -> str:
     return f"{name} {value}" if value else name
 
 
-def spoken_object(content: Mapping[str, Any]) -> dict[str, Any]:
+def spoken_object(content: Mapping[str, object]) -> Json:
     """Return what is printed as JSON with its sentences as the command line says them."""
     return {name: _entry(entry) if name in KEYS else entry for name, entry in content.items()}
 
 
-def _entry(entry: Any) -> Any:
+def _entry(entry: object) -> object:
     if isinstance(entry, list | tuple):
         return [_entry(part) for part in entry]
     return spoken(entry) if isinstance(entry, str) else entry

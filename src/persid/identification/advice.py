@@ -8,7 +8,6 @@ import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from sklearn.base import clone
@@ -16,6 +15,7 @@ from sklearn.base import clone
 from persid.errors import PersidError
 from persid.identification import suspicions
 from persid.identification.derivatives import embedded, velocity_names
+from persid.identification.identifier import PersidskiiIdentifier
 from persid.identification.increments import best_product, dead_times
 from persid.identification.koopman import sample_step
 from persid.identification.options import HOLDS
@@ -105,12 +105,12 @@ class _Trial:
     """A remedy that can be tried: what is said of it, the estimator and the data."""
 
     advice: Advice
-    fit: Any
+    fit: PersidskiiIdentifier
     data: Trajectories
 
 
 def advise(
-    fit: Any,
+    fit: PersidskiiIdentifier,
     data: Measurements,
     scores: Scores | None = None,
     progress: Callable[[str], None] | None = None,
@@ -177,7 +177,7 @@ def advise(
     return Diagnosis(r2, error, ahead.length, count, tuple(found), tuple(findings))
 
 
-def _is_good(fit: Any, scores: Scores | None) -> bool:
+def _is_good(fit: PersidskiiIdentifier, scores: Scores | None) -> bool:
     """Whether scores that are known already leave nothing to ask."""
     if scores is not None and scores.unseen:
         return scores.headline.error <= _enough(scores.floor) and not scores.doubts
@@ -210,7 +210,9 @@ def _parts(data: Trajectories, kept: int) -> HeldOut | None:
     return HeldOut(first, last, tuple(run[:0] for run in last), "what was kept from the fit")
 
 
-def _foretold(fit: Any, data: Trajectories, like: Record | None, kept: int = 0) -> tuple[Record, Ahead] | None:
+def _foretold(
+    fit: PersidskiiIdentifier, data: Trajectories, like: Record | None, kept: int = 0
+) -> tuple[Record, Ahead] | None:
     """Fit without the held-out part and score on it, over the horizon of another record; None where it cannot be."""
     parts = _parts(data, kept)
     if parts is None:
@@ -226,7 +228,9 @@ def _foretold(fit: Any, data: Trajectories, like: Record | None, kept: int = 0) 
         return None
 
 
-def _fewer(base: Any, data: Trajectories, kept: int, before: tuple[Record, Ahead] | None) -> Iterator[Advice]:
+def _fewer(
+    base: PersidskiiIdentifier, data: Trajectories, kept: int, before: tuple[Record, Ahead] | None
+) -> Iterator[Advice]:
     """Yield the fewest functions that foretell as well as those of a good fit: x alone, or x and one more.
 
     `before` is how that fit foretells, where it is known.
@@ -234,7 +238,7 @@ def _fewer(base: Any, data: Trajectories, kept: int, before: tuple[Record, Ahead
     given = base.functions
     if len(given) * len(data.states) > MOST_TRIED or not all(isinstance(f, str) for f in given) or "x" not in given:
         return
-    others = [f for f in given if f != "x"]
+    others = [str(f) for f in given if f != "x"]
     sizes = [[["x"]], [["x", f] for f in others]][: len(given) - 1]
     before = before or (_foretold(base, data, None, kept) if sizes else None)
     if before is None:
@@ -252,7 +256,7 @@ def _fewer(base: Any, data: Trajectories, kept: int, before: tuple[Record, Ahead
             return
 
 
-def _trials(base: Any, data: Trajectories, fit: Any) -> Iterator[_Trial]:
+def _trials(base: PersidskiiIdentifier, data: Trajectories, fit: PersidskiiIdentifier) -> Iterator[_Trial]:
     """Yield the usual remedies for a fit."""
     n, nested = len(data.states), not all(isinstance(f, str) for f in base.functions)
     if len(_measured(data)) == n and not nested:
@@ -280,7 +284,7 @@ def _trials(base: Any, data: Trajectories, fit: Any) -> Iterator[_Trial]:
             yield _Trial(Advice(one.kind, f"{one.text}; keep every {suspicions.nth(every)} row alone"), base, thin)
 
 
-def _hashable(function: Any) -> Any:
+def _hashable(function: str | Sequence[str]) -> str | tuple[str, ...]:
     return function if isinstance(function, str) else tuple(function)
 
 
@@ -288,7 +292,7 @@ def _with(call: str) -> str:
     return f"fit.set_params({call}).fit(data)"
 
 
-def _appending(base: object, data: Trajectories) -> Iterator[_Trial]:
+def _appending(base: PersidskiiIdentifier, data: Trajectories) -> Iterator[_Trial]:
     """Yield states that are appended: velocities, the past."""
     n = len(data.states)
     if 2 * n <= MOST_STATES:
@@ -302,14 +306,16 @@ def _appending(base: object, data: Trajectories) -> Iterator[_Trial]:
         yield from _prepared(advice, base, data, lambda: embedded(data, 0, PAST))
 
 
-def _prepared(advice: Advice, fit: object, data: Trajectories, make: Callable[[], Trajectories]) -> Iterator[_Trial]:
+def _prepared(
+    advice: Advice, fit: PersidskiiIdentifier, data: Trajectories, make: Callable[[], Trajectories]
+) -> Iterator[_Trial]:
     try:
         yield _Trial(advice, fit, make())
     except PersidError:  # uneven times, runs too short
         return
 
 
-def _leaving_out(base: object, data: Trajectories) -> Iterator[_Trial]:
+def _leaving_out(base: PersidskiiIdentifier, data: Trajectories) -> Iterator[_Trial]:
     """Yield fits without a state that is made of others."""
     for one in suspicions.differences(data):
         rest = [name for name in data.states if name != one.column]
@@ -325,7 +331,7 @@ def _leaving_out(base: object, data: Trajectories) -> Iterator[_Trial]:
         yield from _prepared(advice, fit, data, lambda d=less, v=velocity: embedded(d, int(v), 0))  # type: ignore[misc]
 
 
-def _late(base: Any, data: Trajectories, fit: Any) -> Iterator[_Trial]:
+def _late(base: PersidskiiIdentifier, data: Trajectories, fit: PersidskiiIdentifier) -> Iterator[_Trial]:
     """Yield inputs that act later than they are recorded."""
     window = fit.report_.window or choose_window(data)
     if fit.basis_.states != data.states or fit.basis_.inputs != data.inputs or min(map(len, data)) < 4 * window:
@@ -349,7 +355,7 @@ def _coded(codes: Sequence[suspicions.Suspicion]) -> list[Advice]:
     return [Advice(one.kind, one.text) for one in codes]
 
 
-def _codes(base: object, data: Trajectories, codes: Sequence[suspicions.Suspicion]) -> Iterator[_Trial]:
+def _codes(base: PersidskiiIdentifier, data: Trajectories, codes: Sequence[suspicions.Suspicion]) -> Iterator[_Trial]:
     """Yield the fit without samples that hold a code for missing."""
     values = sorted({one.number for one in codes})
     runs = []
@@ -365,7 +371,9 @@ def _codes(base: object, data: Trajectories, codes: Sequence[suspicions.Suspicio
         yield _Trial(Advice("missing", what, options, call), base, Trajectories(tuple(runs), data.states, data.inputs))
 
 
-def _findings(base: Any, data: Trajectories, fit: Any, found: Sequence[Advice]) -> Iterator[Advice]:
+def _findings(
+    base: PersidskiiIdentifier, data: Trajectories, fit: PersidskiiIdentifier, found: Sequence[Advice]
+) -> Iterator[Advice]:
     """Yield what no option mends, or what was not tried."""
     suspected = [*suspicions.sensor_limits(data), *suspicions.thin_stretches(data)]
     yield from (Advice(one.kind, one.text) for one in suspected if one.kind not in {a.kind for a in found})

@@ -4,7 +4,6 @@ ARX(2,2) uses two past states and inputs, POLY polynomials of degree 2, RBF 50 r
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -45,7 +44,9 @@ class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         """Number of past samples that a prediction uses."""
         return LAGS if self.kind == "arx" else 1
 
-    def fit(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: Any = None) -> "OneStepRegressor":
+    def fit(
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> "OneStepRegressor":
         """Fit the map to all pairs of consecutive samples; runs are never paired across their ends.
 
         Raises:
@@ -96,7 +97,9 @@ class OneStepRegressor(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         """Score free runs that start from the first `lags` measured states, as `free_run_score` does."""
         return free_run_score(self, data, past=self.lags)
 
-    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: Any = None) -> float:
+    def score(
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> float:
         """Return the mean R2 of free runs; y is refused."""
         refuse_target(y)
         return self.free_run(as_trajectories(X, u, t, dt)).r2_mean
@@ -108,7 +111,7 @@ def _past(x: Float[ndarray, "N n"], u: Float[ndarray, "N m"], lags: int) -> Floa
     return np.hstack([a[lags - 1 - k : last - k] for a in (x, u) for k in range(lags)])
 
 
-def _radial(past: ndarray, seed: int) -> list[Any]:
+def _radial(past: ndarray, seed: int) -> list[object]:
     """Return features exp(-|p - c|^2 / (2 s^2)) with k-means centres and s the median distance of samples to them."""
     standard = StandardScaler().fit_transform(past)
     count = min(CENTRES, len(standard))
@@ -119,7 +122,7 @@ def _radial(past: ndarray, seed: int) -> list[Any]:
     return [FunctionTransformer(rbf_kernel, kw_args={"Y": centres, "gamma": gamma})]
 
 
-_FEATURES: dict[str, Callable[[ndarray, int], list[Any]]] = {
+_FEATURES: dict[str, Callable[[ndarray, int], list[object]]] = {
     "arx": lambda past, seed: [],
     "poly": lambda past, seed: [PolynomialFeatures(2, include_bias=False)],
     "rbf": _radial,

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._files import Json
 from persid.errors import DataError, ModelError
 from persid.measurements.moments import Moments
 from persid.measurements.recordings import Measurements
@@ -155,14 +156,14 @@ class Basis:
         k = len(self._linear)
         A0[:, self._linear] = theta[:k].T
         A0 += self._identity
-        terms: list[tuple[Any, Any, ndarray]] = []
+        terms: list[tuple[object, object, ndarray]] = []
         for states, _ in self._places:
             f = [term.text for i in states if (term := self.terms[len(terms)][i])]
             unscaled = len(states) == n and bool((self.scale == 1).all())
             R = None if unscaled else (np.eye(n) / self.scale)[states]
             terms.append((f[0] if len(set(f)) == 1 else f, R, theta[k : k + len(states)].T))
             k += len(states)
-        names: dict[str, Any] = {"states": self.states, "inputs": self.inputs}
+        names: Json = {"states": self.states, "inputs": self.inputs}
         if self.dt is not None:
             names |= {"time": "discrete", "dt": self.dt}
         B, b = theta[k : k + m].T, theta[k + m]
@@ -182,7 +183,7 @@ class Basis:
         return theta
 
 
-def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto") -> Basis:
+def make_basis(data: Measurements, functions: Functions, x_ref: object = "auto", scale: object = "auto") -> Basis:
     """Return the basis for data: reference points at 0 or the mean, scales powers of two, arguments of order 1.
 
     `x_ref="auto"` takes, for each state, 0 where the data come as near to 0 as they spread, else the mean, rounded.
@@ -203,7 +204,15 @@ def make_basis(data: Measurements, functions: Functions, x_ref: Any = "auto", sc
     linear = tuple(any(scalar_function(f).is_linear for f in names) for names in lists)
     depth = max(len(row) for row in parsed)
     terms = tuple(tuple(row[j] if j < len(row) else None for row in parsed) for j in range(depth))
-    return Basis(data.states, data.inputs, linear, terms, reference, typical_input(u), sizes)
+    return Basis(
+        states=data.states,
+        inputs=data.inputs,
+        linear=linear,
+        terms=terms,
+        x_ref=reference,
+        u_ref=typical_input(u),
+        scale=sizes,
+    )
 
 
 def per_state(functions: Functions, n: int) -> list[list[str]]:
@@ -219,7 +228,7 @@ def per_state(functions: Functions, n: int) -> list[list[str]]:
     return [list(dict.fromkeys(names)) for names in functions]
 
 
-def _vector(name: str, value: Any, n: int) -> ndarray:
+def _vector(name: str, value: object, n: int) -> ndarray:
     try:
         vector = np.broadcast_to(np.asarray(value, float), (n,)).copy()
     except (TypeError, ValueError):
@@ -231,7 +240,7 @@ def _vector(name: str, value: Any, n: int) -> ndarray:
     return vector
 
 
-def is_auto(value: Any) -> bool:
+def is_auto(value: object) -> bool:
     """Whether an argument is left to the data."""
     return isinstance(value, str) and value == "auto"
 

@@ -20,7 +20,7 @@ from persid.identification.windows import WITH_INSTRUMENTS, choose_window
 from persid.measurements.recordings import Measurements, beginnings
 from persid.models.model import PersidskiiModel
 
-DOUBT = 0.01  # a bias is found with about this probability where there is none
+DOUBT = 0.01  # a test sees with about this probability what is not there
 MATTERS = 0.05  # of the size of x': a smaller one does not matter
 SAMPLES, RUNS = 20_000, 20  # of the beginnings that are looked at
 COLUMNS = 60  # more are not compared

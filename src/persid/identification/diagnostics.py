@@ -13,7 +13,7 @@ from persid.identification.scores import Scores
 from persid.identification.validation import Curve
 from persid.measurements.recordings import Measurements
 
-COLLINEAR = 0.99
+COLLINEAR = 0.99  # a correlation of two columns beyond that: the data determine their sum only
 LARGE = 20.0
 LAGS = 20
 
@@ -125,7 +125,13 @@ def conditioning(gram: Gram, theta: Float[ndarray, "p n"]) -> Conditioning:
     state = gram.basis.states[i]
     name = f"{columns[j].name} in " + (f"d({state})/dt" if gram.basis.dt is None else f"{state}[k+1]")
     return Conditioning(
-        rank, condition_number(gram.G), condition_number(scaled), _collinear(gram), constant, float(share[j, i]), name
+        rank=rank,
+        raw=condition_number(gram.G),
+        scaled=condition_number(scaled),
+        collinear=_collinear(gram),
+        constant=constant,
+        largest=float(share[j, i]),
+        largest_name=name,
     )
 
 

@@ -56,8 +56,8 @@ class Score:
         """Number of runs that diverged."""
         return sum(time is not None for time in self.diverged_at)
 
-    def to_dict(self) -> Json:
-        """Return the figures over all states together, as an object of JSON."""
+    def figures(self) -> Json:
+        """Return what is said over all states together, as an object of JSON."""
         return {"rmse": self.rmse, "r2": self.r2, "r2_mean": self.r2_mean, "blow_ups": self.blow_ups}
 
     @property
@@ -116,7 +116,7 @@ def free_run_score(
     return score(np.concatenate(truth), np.concatenate(guess), tuple(diverged), tuple(stopped), record)
 
 
-def input_signal(t: ndarray, u: ndarray, hold: str) -> Any:
+def input_signal(t: ndarray, u: ndarray, hold: str) -> ndarray | Callable[[float], ndarray]:
     """Return the held samples, or for hold="paper" the input as a function that is linear between them."""
     if hold == "zoh" or not u.shape[1]:
         return u

@@ -26,15 +26,15 @@ from persid.identification.options import check_options, refuse_in_memory_only
 from persid.identification.provenance import provenance
 from persid.identification.recursion import RECURSION, choose_stride
 from persid.identification.regressions import Estimator, Options, Problem, Solution, sparse_coefficients
-from persid.identification.scaling import choose_basis
-from persid.identification.scores import Record, Scores, held_out_scores
+from persid.identification.scaling import Wanted, choose_basis
 from persid.identification.structure import make_structure
+from persid.identification.tails import tail_scores
 from persid.identification.validation import (
     FOLDS,
+    Curve,
     blocks,
     by_fold,
     partition,
-    tail,
     total,
     validation_curve,
 )
@@ -61,8 +61,6 @@ _OUT_OF_CORE = (
     "most 20 runs, the ridge on free runs over at most 10 segments of up to 1000 samples, and scores are of at most 20 "
     "held-out tails of up to 5000 samples"
 )
-SCORED = 5000  # samples of each held-out tail that are simulated
-SCORED_RUNS = 20
 BLOCKS = 60  # sums that a fit keeps, for `persid.bootstrap` to draw from
 MOST_NUMBERS = 8e6  # in all these sums together
 
@@ -119,18 +117,18 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         ridge: float | int | str = "auto",
         instruments: bool = False,
         window: int | str = "auto",
-        x_ref: Any = "auto",
-        scale: Any = "auto",
+        x_ref: object = "auto",
+        scale: object = "auto",
         hold: str = "zoh",
         constant: bool = True,
-        pattern: Any = None,
+        pattern: object = None,
         shared: bool = False,
         velocities: Any = "auto",
         derivatives: int = 0,
         delays: int = 0,
         threshold: float | int | None = None,
         refine: bool = False,
-        lifting: Sequence[str] | Callable[[ndarray, ndarray], Any] = (),
+        lifting: Sequence[str] | Callable[[ndarray, ndarray], object] = (),
         gamma: str = "coordinates",
         time: str = "continuous",
         stride: int | str = "auto",
@@ -163,7 +161,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.allow_underdetermined = allow_underdetermined
 
     def fit(
-        self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
     ) -> "PersidskiiIdentifier":
         """Fit the model to Trajectories, an array (N, n), a DataFrame, or a list of them; or, chunk by chunk, to what
         `persid.open_recordings` returns, to a Dask array or to a Dask DataFrame of states.
@@ -198,7 +196,9 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         )
         return self
 
-    def _measured(self, X: Any, u: Any, t: Any, dt: float | int | None) -> tuple[Measurements, tuple[str, ...]]:
+    def _measured(
+        self, X: object, u: object, t: object, dt: float | int | None
+    ) -> tuple[Measurements, tuple[str, ...]]:
         """Return the data of a fit, in memory or not."""
         if not is_large(X):
             return as_trajectories(X, u, t, dt), ()
@@ -234,11 +234,14 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     def _estimator(self) -> Estimator:
         return RECURSION if self.time == "discrete" else estimator(self.method)
 
-    def _options(self, y: Any = None) -> Options:
+    def _options(self, y: object = None) -> Options:
         embedded = bool(self.derivatives or self.delays)
-        return Options(self.hold, self.window, self.lifting, self.gamma, y, embedded, self.instruments)
+        return Options(
+            hold=self.hold, window=self.window, lifting=self.lifting, gamma=self.gamma, slopes=y, embedded=embedded,
+            instruments=self.instruments,
+        )  # fmt: skip
 
-    def _best(self, data: Measurements, y: Any) -> tuple[Problem, Solution]:
+    def _best(self, data: Measurements, y: object) -> tuple[Problem, Solution]:
         """Return the problem and its solution; of numbers of knots the smallest that foretells about as well as any."""
         if not learns(self.functions):
             counts: Sequence[int] = (USUAL,)
@@ -253,10 +256,10 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.knots_ = counts[best] if learns(self.functions) else None
         return tried[best]
 
-    def _problem(self, data: Measurements, y: Any, stride: int = 1, knots: int = USUAL) -> Problem:
+    def _problem(self, data: Measurements, y: object, stride: int = 1, knots: int = USUAL) -> Problem:
         if self.time == "discrete" and isinstance(data, Trajectories):
             return self._stepped_problem(data, stride, knots)
-        basis = choose_basis(data, self.functions, self.x_ref, self.scale, None, knots, self.shared)
+        basis = choose_basis(data, self._wanted(knots))
         structure = make_structure(basis, self.pattern, self.shared, self.constant, self._velocities(data))
         parts = partition(data, self.holdout)
         regression = self._estimator.regression(data, basis, parts, self._options(y))
@@ -265,12 +268,14 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     def _stepped_problem(self, data: Trajectories, stride: int, knots: int) -> Problem:
         """Return the problem of a recursion: scored on every stride-th sample, fitted to all of them."""
         seen = strided(data, stride)
-        dt = stride * sample_step(data)
-        basis = choose_basis(seen, self.functions, self.x_ref, self.scale, dt, knots, self.shared)
+        basis = choose_basis(seen, self._wanted(knots), stride * sample_step(data))
         structure = make_structure(basis, self.pattern, self.shared, self.constant, {})
         parts = partition(seen, self.holdout)
         regression = self._estimator.regression(side_by_side(data, stride), basis, parts, self._options())
         return Problem(seen, basis, structure, parts, blocks(parts, _blocks(basis)), regression)
+
+    def _wanted(self, knots: int) -> Wanted:
+        return Wanted(self.functions, self.x_ref, self.scale, knots, self.shared)
 
     def _velocities(self, data: Measurements) -> dict[str, str]:
         if self.time == "discrete":
@@ -295,7 +300,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         theta = self._refined(problem.data, theta, gram, ridge)
         return Solution(theta, self._held_out(problem, folds, ridge), gram, grams, ridge, curve)
 
-    def _strength(self, curve: Any) -> float:
+    def _strength(self, curve: Curve | None) -> float:
         if self.ridge != "auto":
             return float(self.ridge)
         if curve:
@@ -332,8 +337,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         gram, data, K = solution.gram, problem.data, problem.regression.K
         facts = diagnostics.conditioning(gram, solution.theta)
         moved = diagnostics.excitation(data, gram)
-        free, step, white, foretold = _tail_scores(problem, solution, self.hold)
-        remarks = diagnostics.remarks(facts, problem.basis.size, moved, foretold, solution.curve)
+        unseen = tail_scores(problem, solution, self.hold)
+        remarks = diagnostics.remarks(facts, problem.basis.size, moved, unseen.foretold, solution.curve)
         return FitReport(
             method="one-step" if self.time == "discrete" else self.method,
             hold=self.hold,
@@ -350,10 +355,10 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             collinear=facts.collinear,
             constant_columns=facts.constant,
             coverage=tuple((float(a), float(b)) for a, b in problem.box),
-            whiteness=white,
+            whiteness=unseen.whiteness,
             excitation=moved,
-            free_run=free,
-            one_step=step,
+            free_run=unseen.free_run,
+            one_step=unseen.one_step,
             notes=notes,
             warnings=(*remarks, *self._bias(problem, solution)),
             spectrum=None if K is None else diagnostics.koopman_spectrum(K, sample_step(data)),
@@ -367,13 +372,13 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         bias = noise_bias(problem.data, model, ~solution.gram.structure.known, self.hold)
         return bias.remark(model.states) if bias else ()
 
-    def _remember(self, measured: Measurements, X: Any) -> None:
+    def _remember(self, measured: Measurements, X: object) -> None:
         self.n_features_in_ = self.n_states_in_ = len(measured.states)
         self.n_inputs_in_ = len(measured.inputs)
         if isinstance(X, Trajectories | Recordings) or hasattr(X, "columns"):
             self.feature_names_in_ = np.array(measured.states, dtype=object)
 
-    def _known(self, X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Trajectories:
+    def _known(self, X: object, u: object = None, t: object = None, dt: float | int | None = None) -> Trajectories:
         """Return data for a fitted estimator: the same states and inputs, seen like those of the fit."""
         check_is_fitted(self, "model_")
         if is_large(X):
@@ -387,7 +392,9 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             )
         return self.seen(data.with_inputs([data.inputs[k] for k in self._moving]))
 
-    def predict(self, X: Any, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> Float[ndarray, "N n"]:
+    def predict(
+        self, X: object, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> Float[ndarray, "N n"]:
         """Return, for every sample, the state one step later (all runs one below the other).
 
         In discrete time these are the samples at the steps of the model.
@@ -395,12 +402,14 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         data = self._known(X, u, t, dt)
         return np.concatenate([freerun.one_step(self.model_, run, self.hold) for run in data])
 
-    def simulate(self, x0: Any, t: Any, u: Any = None) -> Trajectories:
+    def simulate(self, x0: object, t: Float[ndarray, " N"], u: object = None) -> Trajectories:
         """Simulate the model from x0; a blow-up ends the run, with its time in s in `diverged_at`. See the model's."""
         check_is_fitted(self, "model_")
         return self.model_.simulate(x0, t, u)
 
-    def score(self, X: Any, y: Any = None, *, u: Any = None, t: Any = None, dt: float | int | None = None) -> float:
+    def score(
+        self, X: object, y: object = None, *, u: object = None, t: object = None, dt: float | int | None = None
+    ) -> float:
         """Return the R2 of free runs over all runs, the mean over states. One-step R2 says nothing.
 
         Raises:
@@ -409,7 +418,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         refuse_target(None if self._estimator.slopes else y)
         return freerun.free_run_score(self.model_, self._known(X, u, t, dt), self.hold).r2_mean
 
-    def get_feature_names_out(self, input_features: Any = None) -> ndarray:
+    def get_feature_names_out(self, input_features: object = None) -> ndarray:
         """Return the names of the columns of `coef_`; `input_features` is ignored."""
         check_is_fitted(self, "model_")
         return np.array([column.name for column in self.basis_.columns], dtype=object)
@@ -421,26 +430,6 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")
-
-
-def _tail_scores(
-    problem: Problem, solution: Solution, hold: str
-) -> tuple[freerun.Score | None, freerun.Score | None, tuple[tuple[float, float], ...], Scores | None]:
-    """Score the fit without the tails on the tails: free runs (at most 5000 samples each), one step, whiteness.
-
-    Where a whole free run says little for the model, shorter ones are scored, too: that of an unstable plant blows up.
-    """
-    held = tail(problem.data, problem.parts, SCORED, SCORED_RUNS)
-    if held is None or solution.held_out is None:
-        return None, None, (), None
-    model = problem.basis.model(solution.held_out)
-    ahead = [freerun.one_step(model, run, hold)[:-1] for run in held]
-    after = np.concatenate([run.x[1:] for run in held])
-    guess = np.concatenate(ahead)
-    free = freerun.free_run_score(model, held, hold)
-    poor = free.blow_ups or not free.r2_mean >= 0
-    foretold = held_out_scores(model, held, Record.of(problem.data), hold=hold) if poor else None
-    return free, freerun.score(after, guess), diagnostics.whiteness(after - guess), foretold
 
 
 def _blocks(basis: Basis) -> int:

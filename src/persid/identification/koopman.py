@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +20,7 @@ from persid.measurements.recordings import Measurements, Part, block_sums, lengt
 from persid.measurements.trajectory import Trajectory
 from persid.models.functions import ScalarFunction, scalar_function
 
-Mixed = Callable[[ndarray, ndarray], Any]
+Mixed = Callable[[ndarray, ndarray], object]
 
 INACCURATE = 1e-6  # relative error of exp(log K) from which a logarithm is refused
 MIXED = -2  # in place of a coordinate: a lifting function of several coordinates

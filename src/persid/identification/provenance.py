@@ -2,10 +2,10 @@
 
 import hashlib
 from importlib import metadata
-from typing import Any
 
 import numpy as np
 
+from persid._files import Json
 from persid.identification.diagnostics import FitReport
 from persid.measurements.recordings import Measurements, Recordings
 
@@ -28,7 +28,7 @@ def _digest(data: Measurements) -> str:
     return digest.hexdigest()
 
 
-def provenance(data: Measurements, report: FitReport) -> dict[str, Any]:
+def provenance(data: Measurements, report: FitReport) -> Json:
     """Return the version, the hash of the data, and the figures of a fit."""
     figures = {"rows": report.rows, "ridge": report.ridge, "window": report.window}
     if report.free_run is not None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -53,9 +52,9 @@ class Options:
 
     hold: str
     window: int | str = "auto"
-    lifting: Sequence[str] | Callable[[ndarray, ndarray], Any] = ()
+    lifting: Sequence[str] | Callable[[ndarray, ndarray], object] = ()
     gamma: str = "coordinates"
-    slopes: Any = None
+    slopes: object = None
     embedded: bool = False
     instruments: bool = False
 

@@ -5,9 +5,8 @@ Where somebody wrote the law of the plant, that scale is wrong: sin(2 x) is no m
 the same windows of the data, and what was written is taken where it leaves a hundredth of the residual.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -23,19 +22,27 @@ MOST_COLUMNS = 100  # a larger basis is not tried twice
 LONGEST = 2000  # samples of a run, of at most 20, that are looked at
 
 
-def choose_basis(
-    data: Measurements, functions: Functions, x_ref: Any = "auto", scale: Any = "auto", dt: float | None = None,
-    knots: int = USUAL, alike: bool = False,
-) -> Basis:  # fmt: skip
-    """Return the basis with the automatic scales, or with scale 1 where that is exact; of a step where dt is given.
+@dataclass(frozen=True)
+class Wanted:
+    """The functions of a basis, and what is said of their arguments; learned ones have so many knots, and with `alike`
+    the same ones for all states."""
 
-    Functions that are learned have so many knots; with `alike`, all states the same ones.
+    functions: Functions
+    x_ref: object = "auto"
+    scale: object = "auto"
+    knots: int = USUAL
+    alike: bool = False
+
+
+def choose_basis(data: Measurements, wanted: Wanted, dt: float | None = None) -> Basis:
+    """Return the basis with the automatic scales, or with scale 1 where that is exact; of a step where dt is given.
 
     Raises:
         DataError: functions, x_ref or scale do not fit the states.
     """
+    functions, x_ref, scale = wanted.functions, wanted.x_ref, wanted.scale
     if learns(functions):
-        return replace(_learned(data, functions, x_ref, scale, knots, alike), dt=dt)
+        return replace(_learned(data, wanted), dt=dt)
     scaled = replace(make_basis(data, functions, x_ref, scale), dt=dt)
     if not is_auto(scale) or (scaled.scale == 1).all() or not scaled.terms or scaled.size > MOST_COLUMNS:
         return scaled
@@ -51,11 +58,11 @@ def choose_basis(
     return best
 
 
-def _learned(data: Measurements, functions: Functions, x_ref: Any, scale: Any, count: int, alike: bool) -> Basis:
+def _learned(data: Measurements, wanted: Wanted) -> Basis:
     """Return the basis with ramps, in arguments of order 1 whatever else stands beside them."""
-    lists = per_state(functions, len(data.states))
-    plain = make_basis(data, [without(names) for names in lists], x_ref, scale)
+    lists = per_state(wanted.functions, len(data.states))
+    plain = make_basis(data, [without(names) for names in lists], wanted.x_ref, wanted.scale)
     y = (np.concatenate([run.x for run in beginnings(data, LONGEST)]) - plain.x_ref) / plain.scale
-    seen = [y.ravel() if alike else y[:, i] for i in range(len(lists))]
-    found = [with_ramps(names, column, count) for names, column in zip(lists, seen, strict=True)]
+    seen = [y.ravel() if wanted.alike else y[:, i] for i in range(len(lists))]
+    found = [with_ramps(names, column, wanted.knots) for names, column in zip(lists, seen, strict=True)]
     return make_basis(data, found, plain.x_ref, plain.scale)

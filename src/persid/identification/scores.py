@@ -8,7 +8,6 @@ measured against the spread of the whole record; a part at rest holds noise only
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -336,12 +335,22 @@ def _ahead(squares: ndarray, record: Moments, runs: _Runs) -> Ahead:
     percent = np.where(moving, 100 * np.sqrt(squares) / np.where(width > 0, width, 1.0), 0.0)
     error = float(np.sqrt(relative[moving].mean())) if moving.any() else 0.0
     rmse, off, r2 = (tuple(part.tolist()) for part in (np.sqrt(squares), percent, 1 - relative))
-    return Ahead(runs.steps, runs.seconds, runs.count, rmse, off, r2, error, runs.blow_ups, runs.whole)
+    return Ahead(
+        steps=runs.steps,
+        seconds=runs.seconds,
+        runs=runs.count,
+        rmse=rmse,
+        percent=off,
+        r2=r2,
+        error=error,
+        blow_ups=runs.blow_ups,
+        whole=runs.whole,
+    )
 
 
 def _rivals(before: Sequence[Trajectory], pieces: Sequence[Trajectory], record: Moments) -> dict[str, ndarray]:
     """Return the squared errors over the variance of forecasts that need no model, one a state; 0 where none moves."""
-    found: dict[str, Any] = {MEAN: [], LAST: [], LINE: []}
+    found: dict[str, list[ndarray]] = {MEAN: [], LAST: [], LINE: []}
     for lead, piece in zip(before, pieces, strict=True):
         ahead = piece.t[1:, None] - piece.t[0]
         slope = _slope(_until(piece, lead[-len(piece) :], 1))

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement, product
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -25,6 +24,7 @@ from scipy import sparse
 
 from persid.lyapunov.pairs import Problem
 from persid.lyapunov.points import Point, Row
+from persid.lyapunov.unknowns import Label
 from persid_check.model import Model
 
 _HALF, _ONE = Fraction(1, 2), Fraction(1)
@@ -35,7 +35,7 @@ Pair = tuple[Row, Row]
 class Unknown:
     """A coefficient of M and Pt; `label` says what it multiplies, and a `multiplier` is to be positive."""
 
-    label: tuple[Any, ...]
+    label: Label
     M: tuple[Pair, ...]
     Pt: tuple[Pair, ...] = ()
     multiplier: bool = True
@@ -57,7 +57,7 @@ class Frame:
     lone: bool
     between: bool = False
     sloped: bool = False
-    solving: Mapping[tuple[Any, ...], Fraction] = field(default_factory=dict)  # why equations have one solution
+    solving: Mapping[Label, Fraction] = field(default_factory=dict)  # why equations have one solution
     basis: tuple[Row, ...] = ()
 
     @property
@@ -320,7 +320,9 @@ def paired(
     owner = np.array([k for *_, k in pairs], int)
     tie = sparse.csr_array((data, (np.arange(len(pairs)), owner)), shape=(len(pairs), count))
     eye = sparse.csr_array(sparse.eye_array(order))
-    return Problem(sparse.csr_array(left), right, p, len(left) + q, np.zeros(count), eye, 0, tie)
+    return Problem(
+        S=sparse.csr_array(left), H=right, p=p, q=len(left) + q, cost=np.zeros(count), C=eye, symmetric=0, tie=tie
+    )
 
 
 def _distinct(

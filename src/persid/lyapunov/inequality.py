@@ -329,10 +329,30 @@ class Catalogue:
         owner = np.repeat(np.arange(len(unknowns)), [len(u.p) for u in unknowns])
         weight = np.array([w for u in unknowns for w in u.weight], float)
         cost, sizes = np.array([u.cost for u in unknowns], float), np.array([u.size for u in unknowns], float)
-        return Terms(S[rows], H[lines], rho[lines], upper[lines], p, q, owner, weight, cost, sizes)
+        return Terms(
+            S=S[rows],
+            H=H[lines],
+            rho=rho[lines],
+            upper=upper[lines],
+            p=p,
+            q=q,
+            owner=owner,
+            weight=weight,
+            cost=cost,
+            sizes=sizes,
+        )
 
     def _problem(self, terms: Terms) -> Problem:
-        return Problem(terms.S, terms.H, terms.p, terms.q, terms.cost, self._factor, self._order_of_P, terms.tie)
+        return Problem(
+            S=terms.S,
+            H=terms.H,
+            p=terms.p,
+            q=terms.q,
+            cost=terms.cost,
+            C=self._factor,
+            symmetric=self._order_of_P,
+            tie=terms.tie,
+        )
 
 
 def _unit(deviation: Deviation, C: ndarray, units: Scaling) -> float:

@@ -114,7 +114,7 @@ def first_iterate(problem: Problem, least: float = 0.0) -> Iterate:
     mu = 1 / float(xp.linalg.trace(P) + xp.sum(c / x))
     y = mu * xp.concat([problem.triangle.entries(P), 1 / x])
     smallest = _smallest(of, -combine(problem, y), CLOSELY)
-    return Iterate(problem, y, smallest - mu * problem.order, m, X, U, x)
+    return Iterate(problem=problem, y=y, t=smallest - mu * problem.order, m=m, X=X, U=U, x=x)
 
 
 def resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Iterate:
@@ -132,7 +132,7 @@ def resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Itera
     before = of.put(np.maximum(places[free:] - free, 0))
     x = xp.where(known[free:], xp.take(old.x, before), new_x[free:])
     total = _inner(xp, problem.costs, y)
-    return Iterate(problem, y / total, old.t / total, old.m, old.X, old.U, x)
+    return Iterate(problem=problem, y=y / total, t=old.t / total, m=old.m, X=old.X, U=old.U, x=x)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,13 +209,13 @@ def step(state: Iterate, limit: Callable[[Array, float], float] | None = None) -
     share = 1.0 if limit is None else limit(*end)
     a *= share
     following = Iterate(
-        state.problem,
-        state.y + b * corrected.y,
-        state.t + b * corrected.t,
-        state.m + a * corrected.m,
-        state.X + a * corrected.X,
-        state.U + a * corrected.U,
-        state.x + a * corrected.x,
+        problem=state.problem,
+        y=state.y + b * corrected.y,
+        t=state.t + b * corrected.t,
+        m=state.m + a * corrected.m,
+        X=state.X + a * corrected.X,
+        U=state.U + a * corrected.U,
+        x=state.x + a * corrected.x,
     )
     return Step(following, share, end)
 
@@ -268,7 +268,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
         dX = C + _symmetric(state.X @ F @ Z_inverse) + dt * XZ
         dU = CU - _symmetric(state.U @ dP @ P_inverse)
         dx = cx - ratio * dy[free:]
-        return _Direction(dy, dt, dm, dX, dU, dx, of.add_to_diagonal(-F, -dt), dP)
+        return _Direction(y=dy, t=dt, m=dm, X=dX, U=dU, x=dx, Z=of.add_to_diagonal(-F, -dt), P=dP)
 
     return direction
 

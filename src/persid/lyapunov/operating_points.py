@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 import persid_check
-from persid._dyadics import dyadic, dyadics
+from persid._dyadics import dyadic, dyadics, value
 from persid._files import Json
 from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
@@ -43,9 +43,15 @@ class OperatingPoint:
         return np.asarray(np.minimum(self.x - box[:, 0], box[:, 1] - self.x) - 3 * self.radius)
 
     def to_dict(self, *, with_input: bool = True) -> Json:
-        """Return the point as a certificate writes it."""
+        """Return the point as a certificate writes it; with its input, `from_dict` is the way back, exactly."""
         point: Json = {"x": dyadics(self.x), "radius": dyadic(self.radius)}
         return point | ({"u": dyadics(self.u)} if with_input else {})
+
+    @classmethod
+    def from_dict(cls, data: Json) -> "OperatingPoint":
+        """Return what `to_dict` was called on."""
+        x, u = (np.array([value(pair) for pair in data[name]], float) for name in "xu")
+        return cls(x, value(data["radius"]), u)
 
 
 def find_operating_point(

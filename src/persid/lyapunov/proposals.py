@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.linalg as sla
@@ -27,6 +26,7 @@ from persid.lyapunov.pairs import combine, pairings
 from persid.lyapunov.rates import largest_rate
 from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Scaling, System, scaling
+from persid.lyapunov.unknowns import Label
 from persid.lyapunov.zero_rows import Solvable, reduced
 
 ACROSS = ("difference", "one_signed")
@@ -50,7 +50,7 @@ class Proposal:
 
     frame: Frame
     kappa: Fraction
-    values: dict[tuple[Any, ...], Fraction]
+    values: dict[Label, Fraction]
     zero: tuple[int, ...]
     gamma: float
     least: float

@@ -11,7 +11,7 @@ from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 
 
-def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None = None) -> Trajectories:
+def as_trajectories(X: Any, u: object = None, t: object = None, dt: float | int | None = None) -> Trajectories:
     """Return data in any accepted form as Trajectories.
 
     Raises:
@@ -44,7 +44,7 @@ def as_trajectories(X: Any, u: Any = None, t: Any = None, dt: float | int | None
     return Trajectories.from_arrays(X, u, t=t, dt=dt)
 
 
-def _unmasked(value: object) -> Any:
+def _unmasked(value: object) -> object:
     """Return a masked array as a plain one, NaN where it is masked: its numbers there are none."""
     if isinstance(value, list | tuple):
         return [_unmasked(part) for part in value]

@@ -84,7 +84,7 @@ def read_rows(source: Any, lazy: Lazy | None, columns: Columns, notes: list[str]
     return table.name, rows_of(table, columns, notes)
 
 
-def first_instant(source: Any, lazy: Lazy | None, columns: Columns) -> Any:
+def first_instant(source: Any, lazy: Lazy | None, columns: Columns) -> pd.Timestamp | float | None:
     """Return the instant that counts as 0 in all chunks, where times are dates or numbers since 1970; else None."""
     table = source.table(columns) if lazy is None else lazy.named(source, columns)
     return origin_of(table, columns)
@@ -102,7 +102,7 @@ class Survey:
     name: str
     rows: int
     spans: Int[ndarray, "k 2"]
-    labels: tuple[Any, ...]
+    labels: tuple[object, ...]
     far: tuple[tuple[int, float], ...]
     median: float
     steps: Steps
@@ -114,7 +114,7 @@ class Survey:
     notes: tuple[str, ...]
 
 
-def survey(source: object, lazy: Lazy | None, columns: Columns) -> Survey:
+def survey(source: Any, lazy: Lazy | None, columns: Columns) -> Survey:
     """Look at a chunk once: cuts, ranges, means, steps, the first rows and a hash."""
     notes: list[str] = []
     name, found = read_rows(source, lazy, columns, notes)

@@ -7,23 +7,66 @@ A pass applies a function to every task and adds the answers up. A task is a tup
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from persid.errors import DataError
 
 BRANCHES = 8  # sums are made in a tree with so many branches at each node
 
-Task = tuple[Any, ...]
+Task = tuple[object, ...]
 Progress = Callable[[str], None]
+Answer = TypeVar("Answer")
+
+
+@runtime_checkable
+class Summable(Protocol):
+    """What can be added to its like."""
+
+    def __add__(self: Answer, other: Answer, /) -> Answer:
+        """Return the sum."""
+
+
+Sum = TypeVar("Sum", bound=Summable)
+
+
+@runtime_checkable
+class Delayed(Protocol):
+    """What Dask computes when it is asked to."""
+
+    def __dask_graph__(self) -> object:
+        """Return how it is computed."""
+
+    def compute(self, *, scheduler: str) -> object:
+        """Compute it."""
+
+
+@runtime_checkable
+class DaskClient(Protocol):
+    """What is asked of a `distributed.Client`; its futures are known to itself alone."""
+
+    def compute(self, collections: Sequence[object]) -> list[object]:
+        """Return a future of each."""
+
+    def submit(self, function: Callable[..., object], *args: object, pure: bool) -> object:
+        """Return the future of a call, whose arguments may be futures."""
+
+    def map(self, function: Callable[..., object], *args: object, pure: bool, **kwargs: object) -> list[Any]:
+        """Return the futures of a call for each item."""
+
+    def gather(self, futures: object) -> Any:
+        """Return what a future, or each of a list, has come to."""
+
+    def cancel(self, futures: Sequence[object]) -> object:
+        """Forget them."""
 
 
 def silent(line: str) -> None:
     """Take a line of progress and say nothing."""
 
 
-def summed(parts: Iterable[dict[int, Any]]) -> dict[int, Any]:
+def summed(parts: Iterable[dict[int, Sum]]) -> dict[int, Sum]:
     """Add dictionaries up, key by key."""
-    total: dict[int, Any] = {}
+    total: dict[int, Sum] = {}
     for part in parts:
         for key, value in part.items():
             total[key] = total[key] + value if key in total else value
@@ -36,23 +79,23 @@ class Here:
 
     progress: Progress = silent
 
-    def each(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> list[Any]:
+    def each(self, function: Callable[..., Answer], tasks: Sequence[Task], what: str) -> list[Answer]:
         """Return the answers in order."""
         return list(self._answers(function, tasks, what))
 
-    def total(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> dict[int, Any]:
+    def total(self, function: Callable[..., dict[int, Sum]], tasks: Sequence[Task], what: str) -> dict[int, Sum]:
         """Return the sum of the answers."""
         return summed(self._answers(function, tasks, what))
 
-    def _answers(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> Iterator[Any]:
+    def _answers(self, function: Callable[..., Answer], tasks: Sequence[Task], what: str) -> Iterator[Answer]:
         for k, task in enumerate(tasks):
             self.progress(f"{what}: {k} of {len(tasks)} chunks")
             yield function(*(_here(part) for part in task))
 
 
-def _here(part: Any) -> Any:
+def _here(part: object) -> object:
     """Compute what is lazy."""
-    return part.compute(scheduler="synchronous") if hasattr(part, "__dask_graph__") else part
+    return part.compute(scheduler="synchronous") if isinstance(part, Delayed) else part
 
 
 @dataclass(frozen=True)
@@ -61,11 +104,11 @@ class Threads:
 
     progress: Progress = silent
 
-    def each(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> list[Any]:
+    def each(self, function: Callable[..., Answer], tasks: Sequence[Task], what: str) -> list[Answer]:
         """Return the answers in order."""
         return list(self._computed(_delayed(function, tasks), len(tasks), what)) if tasks else []
 
-    def total(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> dict[int, Any]:
+    def total(self, function: Callable[..., dict[int, Sum]], tasks: Sequence[Task], what: str) -> dict[int, Sum]:
         """Return the sum of the answers, added in a tree."""
         import dask
 
@@ -75,11 +118,11 @@ class Threads:
             nodes = [add(*nodes[k : k + BRANCHES]) for k in range(0, len(nodes), BRANCHES)]
         return self._computed(nodes, len(tasks), what)[0] if nodes else {}
 
-    def _computed(self, nodes: list[Any], count: int, what: str) -> Any:
+    def _computed(self, nodes: Sequence[object], count: int, what: str) -> tuple[Any, ...]:
         import dask
         from dask.callbacks import Callback
 
-        done: list[Any] = []
+        done: list[object] = []
 
         def tell(key: object, *rest: object) -> None:
             if str(key[0] if isinstance(key, tuple) else key).startswith(LEAF):
@@ -87,17 +130,18 @@ class Threads:
                 self.progress(f"{what}: {len(done)} of {count} chunks")
 
         with Callback(posttask=tell):
-            return dask.compute(*nodes, scheduler="threads", optimize_graph=False)
+            answers: tuple[Any, ...] = dask.compute(*nodes, scheduler="threads", optimize_graph=False)
+        return answers
 
 
 LEAF = "persid-chunk"
 
 
-def _sum(*parts: dict[int, Any]) -> dict[int, Any]:
+def _sum(*parts: dict[int, Sum]) -> dict[int, Sum]:
     return summed(parts)
 
 
-def _delayed(function: Callable[..., Any], tasks: Sequence[Task]) -> list[Any]:
+def _delayed(function: Callable[..., object], tasks: Sequence[Task]) -> list[object]:
     import dask
 
     call = dask.delayed(function, pure=False)
@@ -110,16 +154,16 @@ def _delayed(function: Callable[..., Any], tasks: Sequence[Task]) -> list[Any]:
 class Cluster:
     """A Dask cluster behind a client. What a lost worker has computed is computed again by the others."""
 
-    client: Any
+    client: DaskClient
     progress: Progress = silent
 
-    def each(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> list[Any]:
+    def each(self, function: Callable[..., Answer], tasks: Sequence[Task], what: str) -> list[Answer]:
         """Return the answers in order."""
         with self._submitted(function, tasks) as leaves:
             self._watch(leaves, len(leaves), what)
             return list(self.client.gather(leaves))
 
-    def total(self, function: Callable[..., Any], tasks: Sequence[Task], what: str) -> dict[int, Any]:
+    def total(self, function: Callable[..., dict[int, Sum]], tasks: Sequence[Task], what: str) -> dict[int, Sum]:
         """Return the sum of the answers, added in a tree on the workers, which forget each answer once it is added."""
         if not tasks:
             return {}
@@ -134,7 +178,7 @@ class Cluster:
             return dict(self.client.gather(nodes[0]))
 
     @contextmanager
-    def _submitted(self, function: Callable[..., Any], tasks: Sequence[Task]) -> Iterator[list[Any]]:
+    def _submitted(self, function: Callable[..., object], tasks: Sequence[Task]) -> Iterator[list[object]]:
         futures = self.client.compute(_delayed(function, tasks)) if tasks else []
         try:
             yield futures
@@ -143,7 +187,7 @@ class Cluster:
                 self.client.cancel(futures)
             raise
 
-    def _added(self, nodes: Sequence[object]) -> list[Any]:
+    def _added(self, nodes: Sequence[object]) -> list[object]:
         groups = [nodes[k : k + BRANCHES] for k in range(0, len(nodes), BRANCHES)]
         return [self.client.submit(_sum, *group, pure=False) for group in groups]
 
@@ -170,14 +214,14 @@ def make_engine(engine: object = None, scheduler: str | None = None, progress: P
     tell = progress or silent
     if engine is None and scheduler is None:
         return Here(tell)
-    if not (engine in (None, "dask") if isinstance(engine, str | None) else hasattr(engine, "submit")):
+    if engine not in (None, "dask") if isinstance(engine, str | None) else not isinstance(engine, DaskClient):
         raise DataError(f'engine={engine!r}; choose None, "dask" or a distributed.Client')
     try:
         import dask  # noqa: F401
         from distributed import Client, default_client
     except ImportError:
         raise ImportError('Dask is not installed; pip install "persid[dask]"') from None
-    if not isinstance(engine, str | None):
+    if isinstance(engine, DaskClient):
         return Cluster(engine, tell)
     if scheduler is not None:
         try:

@@ -1,6 +1,6 @@
 """Trajectories with labels: to and from pandas DataFrames and xarray Datasets."""
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,14 @@ def runs_of_frames(
     frame: pd.DataFrame | Sequence[pd.DataFrame],
     states: Sequence[Hashable] | None,
     inputs: Sequence[Hashable],
-    **reading: Any,
+    *,
+    time: str | None = None,
+    dt: float | int | None = None,
+    gap: float | int | None = None,
+    missing: str = "error",
+    na: Sequence[object] = (),
+    run: str | None = None,
+    delay: Mapping[str, float | int] | None = None,
 ) -> Runs:
     """Return the runs of DataFrames; see `Trajectories.from_dataframe`."""
     frames = [frame] if isinstance(frame, pd.DataFrame) else list(frame)
@@ -31,20 +38,29 @@ def runs_of_frames(
     known = [_known_names(item) for item in frames]
     wanted = None if states is None else [known[0].get(name, str(name)) for name in states]
     acting, frames = [known[0].get(name, str(name)) for name in inputs], [_flat(item) for item in frames]
-    time, dt, run = (reading.get(name) for name in ("time", "dt", "run"))
     tables = [table for i, item in enumerate(frames) for table in _episodes(f"table {i + 1}", item, time, dt)]
     notes: tuple[str, ...] = ()
     if wanted is None:
-        columns = tables[0].frame
-        free = [name for name in columns if str(name) not in (*acting, time, run)]
-        clocks = [name for name in free if is_clock(name) or holds_dates(columns[name])]
+        table = tables[0].frame
+        free = [name for name in table if str(name) not in (*acting, time, run)]
+        clocks = [name for name in free if is_clock(name) or holds_dates(table[name])]
         wanted = [str(name) for name in free if name not in clocks]
         notes = tuple(
             f"the column {str(name)!r} is taken as a time, not as a state"
             for name in clocks if name in frames[0].columns
         )  # fmt: skip
-    asked = {"time": None, "dt": None, "gap": None, "missing": "error"} | reading
-    data = runs_of_tables(iter(tables), Columns(tuple(wanted), tuple(acting), **asked))
+    columns = Columns(
+        states=tuple(wanted),
+        inputs=tuple(acting),
+        time=time,
+        dt=dt,
+        gap=gap,
+        missing=missing,
+        na=tuple(na),
+        run=run,
+        delay=dict(delay or {}),
+    )
+    data = runs_of_tables(iter(tables), columns)
     return replace(data, notes=(*data.notes, *notes))
 
 
@@ -58,7 +74,7 @@ def _flat(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.set_axis(names, axis=1)
 
 
-def _known_names(frame: pd.DataFrame) -> dict[Any, str]:
+def _known_names(frame: pd.DataFrame) -> dict[Hashable, str]:
     """Return the names of columns of several levels, by their levels and by these joined with points."""
     if not isinstance(frame.columns, pd.MultiIndex):
         return {}
@@ -156,7 +172,7 @@ def _frame_table(name: str, frame: pd.DataFrame, use_index: bool) -> Table:
     return Table(name, flat, lambda k: f"row {_short(index[k])}")
 
 
-def _short(label: object) -> Any:
+def _short(label: object) -> object:
     """Return a label of a row without the last digits of what was added up: 5.8, not 5.800000000000001."""
     return float(f"{label:.12g}") if isinstance(label, float) else label
 

@@ -68,7 +68,9 @@ def open_recordings(
         >>> ps.PersidskiiIdentifier(["x"], ridge=1e-4).fit(there).model_.states
         ('x1', 'x2')
     """
-    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run)
+    columns = Columns(
+        states=tuple(states), inputs=tuple(inputs), time=time, dt=dt, gap=gap, missing=missing, na=tuple(na), run=run
+    )
     if delay:
         raise DataError(
             "delay= needs the data in memory, since what acts at the beginning of a chunk lies in the chunk before it; "
@@ -148,7 +150,7 @@ def _joined(
     return runs, total
 
 
-def _split(one: Survey, cuts: list[int]) -> Iterator[tuple[int, int, Any]]:
+def _split(one: Survey, cuts: list[int]) -> Iterator[tuple[int, int, object]]:
     """Yield the spans of a chunk with their labels, cut behind the rows of `cuts`."""
     ends = np.array(cuts, int) + 1
     for k, (a, b) in enumerate(one.spans.tolist()):

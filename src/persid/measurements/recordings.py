@@ -7,7 +7,7 @@ functions below ask for these without saying where the data lie, so that every f
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
 from jaxtyping import Int
@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.measurements.chunks import HEAD, Lazy, read_rows
-from persid.measurements.engines import Engine, summed
+from persid.measurements.engines import Engine, Sum, Task, summed
 from persid.measurements.moments import Moments, Steps, run_steps
 from persid.measurements.tables import Columns
 from persid.measurements.trajectories import Trajectories
@@ -42,7 +42,7 @@ class Part:
 class Chunk:
     """A chunk of table `table` that begins at row `offset` of it; `source` is read on the worker."""
 
-    source: Any
+    source: object
     lazy: Lazy | None
     table: int
     offset: int = 0
@@ -124,7 +124,9 @@ class Recordings:
         """Number of samples of every run."""
         return [len(run) for run in self._runs]
 
-    def sums(self, parts: Iterable[Part], function: Callable[..., Any], overlap: int, within: bool) -> dict[int, Any]:
+    def sums(
+        self, parts: Iterable[Part], function: Callable[[Trajectory, int], Sum], overlap: int, within: bool
+    ) -> dict[int, Sum]:
         """Return the sums of `function(segment, count)` block by block; see `block_sums`."""
         if overlap > HEAD:
             raise DataError(f"windows of {overlap} samples; at most {HEAD} reach from one chunk into the next")
@@ -143,7 +145,7 @@ class Recordings:
                 jobs.setdefault(k, []).append(job)
         order = sorted(jobs)
         found = self.engine.each(_chunk_segments, [self._task(k, jobs[k]) for k in order], "reading segments")
-        pieces: dict[int, list[Any]] = {}
+        pieces: dict[int, list[tuple[ndarray, ndarray]]] = {}
         for answer in found:
             for number, rows in answer:
                 pieces.setdefault(number, []).append(rows)
@@ -164,7 +166,7 @@ class Recordings:
                 yield k, _Job(a - chunk.offset, b - a, reach - chunk.offset, item.block)
             k += 1
 
-    def _task(self, k: int, jobs: list[_Job]) -> tuple[Any, ...]:
+    def _task(self, k: int, jobs: list[_Job]) -> Task:
         chunk = self._chunks[k]
         ahead = self._ahead(k, max(job.reach for job in jobs) - chunk.rows)
         return chunk.source, chunk.lazy, _Reading(self._columns, chunk.offset, ahead, self._taken), jobs
@@ -207,8 +209,14 @@ def _read(source: object, lazy: Lazy | None, how: _Reading) -> tuple[ndarray, nd
 
 
 def _chunk_sums(
-    source: object, lazy: Lazy | None, how: _Reading, jobs: list[_Job], *, function: Callable[..., Any], n: int
-) -> dict[int, Any]:
+    source: object,
+    lazy: Lazy | None,
+    how: _Reading,
+    jobs: list[_Job],
+    *,
+    function: Callable[[Trajectory, int], Sum],
+    n: int,
+) -> dict[int, Sum]:
     """Return the sums of a function over the parts in one chunk."""
     t, values = _read(source, lazy, how)
     return summed(
@@ -281,8 +289,12 @@ def beginnings(data: Measurements, longest: int, most: int = 20) -> Trajectories
 
 
 def block_sums(
-    data: Measurements, parts: Iterable[Part], function: Callable[..., Any], overlap: int = 0, within: bool = False
-) -> dict[int, Any]:
+    data: Measurements,
+    parts: Iterable[Part],
+    function: Callable[[Trajectory, int], Sum],
+    overlap: int = 0,
+    within: bool = False,
+) -> dict[int, Sum]:
     """Return, for every block, the sum of `function(segment, count)` over its parts, in one pass.
 
     A segment holds the `count` samples of a part, or of a piece of one, and the `overlap` samples behind them as far

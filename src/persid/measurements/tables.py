@@ -47,9 +47,9 @@ class Columns:
     dt: float | int | None
     gap: float | int | None
     missing: str
-    na: tuple[Any, ...] = ()
+    na: tuple[object, ...] = ()
     run: str | None = None
-    origin: Any = None
+    origin: pd.Timestamp | float | None = None
     delay: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -211,7 +211,7 @@ def _times(table: Table, column: Hashable, columns: Columns, notes: list[str]) -
     return t
 
 
-def origin_of(table: Table, columns: Columns) -> Any:
+def origin_of(table: Table, columns: Columns) -> pd.Timestamp | float | None:
     """Return the first instant of a table whose times are dates or numbers since 1970, and None of any other."""
     if columns.dt is not None or not len(table.frame):
         return None

@@ -151,7 +151,7 @@ class Clock:
         return None
 
 
-def in_seconds(t: object) -> tuple[Any, str]:
+def in_seconds(t: object) -> tuple[object, str]:
     """Return times that stand in an array: numbers are s, unless they can only be ms, us or ns since 1970."""
     array = np.asarray(t)
     if array.dtype.kind in "fiu" and not (array.size and np.nanmin(array) > LAST):

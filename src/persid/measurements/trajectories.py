@@ -4,7 +4,7 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, SupportsIndex, Unpack, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from numpy import ndarray
 from persid.errors import DataError
 from persid.measurements.delays import late_runs
 from persid.measurements.moments import Moments, run_moments
+from persid.measurements.options import Reading
 from persid.measurements.trajectory import Runs, Trajectory
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ class Trajectories(Sequence[Trajectory]):
         frame: "DataFrame | Sequence[DataFrame]",
         states: Sequence[Hashable] | None = None,
         inputs: Sequence[Hashable] = (),
-        **reading: Any,
+        **reading: Unpack[Reading],
     ) -> "Trajectories":
         """Return the trajectories of one DataFrame or several; an index of two levels is (episode, time).
 
@@ -212,7 +213,7 @@ class Trajectories(Sequence[Trajectory]):
         return to_xarray(self.runs, [*self.states, *self.inputs])
 
 
-def _seconds(ts: Sequence[object]) -> tuple[list[Any], tuple[str, ...]]:
+def _seconds(ts: Sequence[object]) -> tuple[list[object], tuple[str, ...]]:
     """Return the times of all runs in s, and what was done to them."""
     if all(t is None for t in ts):
         return list(ts), ()

@@ -28,7 +28,7 @@ def _shape(candidate: Any) -> tuple[int, ...]:
         return ()
 
 
-def matrices_of(term: object) -> tuple[Any, Any]:
+def matrices_of(term: object) -> tuple[object, object]:
     """Return A and R of a term in any form."""
     return (term.A, term.R) if isinstance(term, Term) else (_part(term, "A", 2), _part(term, "R", 1))
 
@@ -123,7 +123,7 @@ def _are_texts(value: object) -> bool:
     return isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value)
 
 
-def plain_model(form: Mapping[str, Any]) -> Json:
+def plain_model(form: Json) -> Json:
     """Return the object of `model.json` from the canonical form: hexadecimal floats become numbers again."""
     data = dict(form)
     for name in ("x_ref", "u_ref", "A0", "B", "b", "domain"):
@@ -134,7 +134,7 @@ def plain_model(form: Mapping[str, Any]) -> Json:
     return data
 
 
-def _numbers(entry: object) -> Any:
+def _numbers(entry: object) -> object:
     if isinstance(entry, list):
         return [_numbers(part) for part in entry]
     return float.fromhex(entry) if isinstance(entry, str) else entry

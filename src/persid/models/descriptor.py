@@ -238,7 +238,7 @@ class DescriptorModel:
     @classmethod
     def from_canonical(cls, form: Mapping[str, object]) -> "DescriptorModel":
         """Return the model of a canonical form."""
-        return cls.from_dict(plain_model(form))
+        return cls.from_dict(plain_model(dict(form)))
 
     @cached_property
     def canonical(self) -> Mapping[str, Any]:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -107,7 +106,7 @@ def _shifted(name: str, reference: float, latex: bool) -> str:
     return f"({name} {'-' if reference > 0 else '+'} {abs(reference):.6g})"
 
 
-def _argument(field: VectorField, row: Any, latex: bool) -> str:
+def _argument(field: VectorField, row: ndarray, latex: bool) -> str:
     parts = []
     for weight, name, reference in zip(row, field.states, field.x_ref, strict=True):
         if weight:

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -85,7 +84,12 @@ def has_left(solver: LSODA | RK45, cap: float) -> bool:
 
 
 def integrate(
-    field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Any, rtol: float, atol: float
+    field: VectorField,
+    x0: Float[ndarray, " n"],
+    t: Float[ndarray, " N"],
+    u: Callable[[float], object] | ndarray | None,
+    rtol: float,
+    atol: float,
 ) -> Trajectory:
     """Return the run from x0 sampled at t; see `PersidskiiModel.simulate`."""
     size = 1 + float(np.abs(x0).max() + np.abs(field.x_ref).max())

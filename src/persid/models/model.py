@@ -37,7 +37,7 @@ FORMAT = "persid-model-1"
 
 DENSE_ENTRIES = 20_000_000  # numbers that a sparse model may take when its matrices are filled in
 
-Input = Any  # (N, m) samples, held; or a function of t; or None for u_ref
+Input = object  # (N, m) samples, held; or a function of t; or None for u_ref
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,17 +77,17 @@ class PersidskiiModel:
 
     def __init__(
         self,
-        A0: Any = None,
-        terms: Sequence[Any] = (),
+        A0: object = None,
+        terms: Sequence[object] = (),
         B: Any = None,
-        b: Any = None,
-        x_ref: Any = None,
-        u_ref: Any = None,
+        b: object = None,
+        x_ref: object = None,
+        u_ref: object = None,
         *,
         states: Sequence[str] | None = None,
         inputs: Sequence[str] | None = None,
-        domain: Any = None,
-        provenance: Mapping[str, Any] | None = None,
+        domain: object = None,
+        provenance: Mapping[str, object] | None = None,
         time: str = "continuous",
         dt: float | int | None = None,
     ) -> None:
@@ -189,7 +189,16 @@ class PersidskiiModel:
         if self.is_sparse:
             return self.dense().field
         b = self.b + self.x_ref if self.is_discrete else self.b
-        return VectorField(self.channels, self.B, b, self.x_ref, self.u_ref, self.states, self.inputs, self.dt)
+        return VectorField(
+            channels=self.channels,
+            B=self.B,
+            b=b,
+            x_ref=self.x_ref,
+            u_ref=self.u_ref,
+            states=self.states,
+            inputs=self.inputs,
+            dt=self.dt,
+        )
 
     def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N n"]:
         """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref.
@@ -347,7 +356,7 @@ class PersidskiiModel:
         if persid_check.model.holds_objects(data):
             return cls(**columns.load(data, folder))
         check_kinds(data)
-        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name not in ("format", "time")}
+        values: Json = {name: data.get(name) for name in _FIELDS if name not in ("format", "time")}
         values["time"] = data.get("time", "continuous")
         n, m = len(data["states"]), len(data.get("inputs") or [])
         values["B"] = np.zeros((n, m)) if m == 0 else values["B"]
@@ -368,7 +377,7 @@ class PersidskiiModel:
         return persid_check.model.sha256_of(self.canonical)
 
     @cached_property
-    def canonical(self) -> Mapping[str, Any]:
+    def canonical(self) -> Json:
         """The form that proofs hold and that is hashed: numbers as hexadecimal floats, of a large model digests.
 
         `from_canonical` is the way back.
@@ -379,7 +388,7 @@ class PersidskiiModel:
     def from_canonical(cls, form: Mapping[str, object], arrays: bytes | None = None) -> "PersidskiiModel":
         """Return the model of a canonical form; of a large one `arrays` are the bytes of the companion."""
         if arrays is None:
-            return cls.from_dict(plain_model(form))
+            return cls.from_dict(plain_model(dict(form)))
         found = persid_check.sparse.read_sparse(form, persid_check.companion.read(arrays))
         return cls(**columns.arguments(found))
 

@@ -138,9 +138,9 @@ class OutputModel:
         source = {**(provenance or {}), "fit": {**kept, **{name: getattr(fit, name) for name in _KIND}}}
         rows = enumerate(fit.beta)
         terms = [(shifted(fit.activation, float(by)), fit.R[c : c + 1], fit.A1[:, c : c + 1]) for c, by in rows]
-        names: dict[str, Any] = {"inputs": fit.inputs or None, "states": fit.states or None}
+        names: Json = {"inputs": fit.inputs or None, "states": fit.states or None}
         latent = PersidskiiModel(fit.A, terms, fit.B, fit.b, x_ref=fit.x_ref, u_ref=fit.u_ref, **names)
-        known: dict[str, Any] = {"noise": fit.noise, "x_mean": fit.x_mean, "x_cov": fit.x_cov, "hold": fit.hold}
+        known: Json = {"noise": fit.noise, "x_mean": fit.x_mean, "x_cov": fit.x_cov, "hold": fit.hold}
         h = None if fit.output_map is None else f"{fit.output_map}(x)"
         seen = fit.outputs or None
         return cls(latent, fit.C, fit.D, fit.d, output_map=h, outputs=seen, provenance=source, **known)
@@ -158,7 +158,7 @@ class OutputModel:
             raise ModelError("the model was not made by a fit to inputs and outputs")
         h = None if self.output_map is None else self.output_map[0].text.removesuffix("(x)")
         try:
-            known: dict[str, Any] = {name: _array(kept[name]) for name in _MULTIPLIERS}
+            known: Json = {name: _array(kept[name]) for name in _MULTIPLIERS}
             known |= {name: kept[name] for name in _KIND}
             fit = StableFit(
                 A=self.dynamics.A0, R=field.rows, A1=field.columns, B=self.dynamics.B, b=self.dynamics.b, C=self.C,
@@ -331,7 +331,7 @@ class OutputModel:
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise ModelError(f'an output model has "format": "{FORMAT}"')
         unknown_fields(data, _FIELDS, {"dynamics", "outputs", "C"})
-        values: dict[str, Any] = {name: data.get(name) for name in _FIELDS if name not in ("format", "dynamics")}
+        values: Json = {name: data.get(name) for name in _FIELDS if name not in ("format", "dynamics")}
         texts = [*_texts("outputs", values["outputs"]), *_texts("output_map", values["output_map"])]
         if not all(isinstance(text, str) for text in texts):
             raise ModelError("outputs is a list of names, output_map null or a list of expressions")
@@ -349,7 +349,7 @@ def _lines(t: ndarray, u: Any) -> Callable[[float], ndarray]:
     return lambda s: np.array([np.interp(s, t, column) for column in u.T])
 
 
-def _maps(given: Any, count: int) -> tuple[ScalarFunction, ...] | None:
+def _maps(given: str | Sequence[str | ScalarFunction] | None, count: int) -> tuple[ScalarFunction, ...] | None:
     if given is None:
         return None
     texts = [given] * count if isinstance(given, str) else list(given)
@@ -358,7 +358,7 @@ def _maps(given: Any, count: int) -> tuple[ScalarFunction, ...] | None:
     return tuple(scalar_function(text) for text in texts)
 
 
-def _listed(given: ndarray | None) -> Any:
+def _listed(given: ndarray | None) -> object:
     return None if given is None else given.tolist()
 
 
@@ -366,7 +366,7 @@ def _array(given: object) -> ndarray | None:
     return None if given is None else np.asarray(given, float)
 
 
-def _texts(name: str, given: object) -> list[Any]:
+def _texts(name: str, given: object) -> list[object]:
     if given is None or isinstance(given, str):
         return [] if given is None else [given]
     if not isinstance(given, list):

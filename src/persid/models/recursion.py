@@ -1,5 +1,7 @@
 """Runs of models in discrete time: one evaluation of the right side a step, stopped at a divergence."""
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -26,7 +28,9 @@ def refuse_other_steps(t: Float[ndarray, " N"], dt: float) -> None:
         )
 
 
-def iterate(field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: object) -> Trajectory:
+def iterate(
+    field: VectorField, x0: Float[ndarray, " n"], t: Float[ndarray, " N"], u: Callable[[float], object] | ndarray | None
+) -> Trajectory:
     """Return the run from x0, one sample a step; see `PersidskiiModel.simulate`."""
     held = field.sampled(t, u)
     force, step = field.b + (held - field.u_ref) @ field.B.T, field.drift()

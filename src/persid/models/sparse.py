@@ -72,7 +72,9 @@ class Compressed:
     arrays: Arrays
 
     @classmethod
-    def of(cls, content: Json, matrices: Mapping[str, Any], vectors: Mapping[str, ndarray]) -> "Compressed":
+    def of(
+        cls, content: Json, matrices: Mapping[str, ndarray | Sparse], vectors: Mapping[str, ndarray]
+    ) -> "Compressed":
         """Compress matrices, by their names; the terms of the content are the texts of their functions."""
         arrays: Arrays = {}
         for name, matrix in matrices.items():
@@ -99,7 +101,7 @@ class Compressed:
         write_atomically(path.with_name(name), data)
         stored = {"npz": name, "sha256": hashlib.sha256(data).hexdigest()}
 
-        def located(entry: object, place: str) -> Any:
+        def located(entry: object, place: str) -> object:
             return {**entry, **stored, "name": place} if isinstance(entry, dict) else entry
 
         content = dict(self.content)
@@ -125,7 +127,7 @@ def load(data: Mapping[str, object], folder: Path | None) -> Json:
     return arguments(found) | {"provenance": data.get("provenance")}
 
 
-def arguments(found: SparseModel) -> dict[str, Any]:
+def arguments(found: SparseModel) -> Json:
     """Return the constructor's arguments for a model that the checker has read."""
     n, m = found.n, len(found.inputs)
     terms = [

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -44,7 +43,7 @@ class VectorField:
         """Return B (u - u_ref) + b."""
         return np.asarray(self.B @ (u - self.u_ref) + self.b)
 
-    def sampled(self, t: Float[ndarray, " N"], u: Any) -> Float[ndarray, "N m"]:
+    def sampled(self, t: Float[ndarray, " N"], u: Callable[[float], object] | ndarray | None) -> Float[ndarray, "N m"]:
         """Return the inputs at the times t (s): u is None for u_ref, a function of a time, or these inputs already."""
         if u is None:
             return np.tile(self.u_ref, (len(t), 1))

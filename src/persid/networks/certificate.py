@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -295,8 +294,8 @@ def _file(
     return encode({**content, **dict.fromkeys(vectors), "companion": stored}), arrays
 
 
-def _listed(values: ndarray) -> list[Any]:
-    return values.tolist() if values.dtype.kind == "i" else dyadics(values)
+def _listed(values: ndarray) -> list[int] | list[list[int]]:
+    return [int(v) for v in values] if values.dtype.kind == "i" else dyadics(values)
 
 
 def _save(content: Json, data: bytes, arrays: bytes | None, path: str | Path) -> None:

@@ -9,11 +9,10 @@ from numpy import ndarray
 from scipy import stats
 
 from persid.errors import UnderdeterminedError
-from persid.identification.bias import noise_bias
+from persid.identification.bias import DOUBT, noise_bias
 from persid.identification.estimates import Dictionary, Estimate, Windows, estimate, every_second, windows_of
 from persid.measurements.trajectories import Trajectories
 
-DOUBT = 0.01  # an alarm is false with about this probability, where the test has one
 CORRELATED = 0.1  # a correlation of residuals below that does not matter
 BETTER = 0.9  # share of the squared residual that the other hold leaves where it is the right one
 MATTERS = 0.01  # of the size of x': a smaller error of the integrals does not matter

@@ -6,6 +6,8 @@ point phi the value theta_i'phi lies between the smallest and the largest one th
 programmes a point and equation.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
@@ -19,26 +21,30 @@ POINTS = 60  # of those offered at which the programmes are solved
 ROWS = 600  # windows that enter them
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """States and inputs at which a band is looked at, and the columns phi of the dictionary there."""
+
+    x: Float[ndarray, "N n"]
+    u: Float[ndarray, "N m"]
+    phi: Float[ndarray, "N p"]
+
+
 def bounded_band(
-    windows: Windows,
-    used: Bool[ndarray, "p n"],
-    bound: Float[ndarray, " n"],
-    model: PersidskiiModel,
-    x: Float[ndarray, "N n"],
-    u: Float[ndarray, "N m"],
-    phi: Float[ndarray, "N p"],
+    windows: Windows, used: Bool[ndarray, "p n"], bound: Float[ndarray, " n"], model: PersidskiiModel, places: Places
 ) -> tuple[Int[ndarray, " K"], Float[ndarray, "K n"]]:
-    """Return some of the points, and how far theta'phi can be from the model there.
+    """Return which of the places were looked at, and how far theta'phi can be from the model there.
 
     Raises:
         DataError: no coefficients are within the bounds: the noise is larger, or functions are missing.
-    """  # fmt: skip
+    """
+    x, u = places.x, places.u
     chosen = np.unique(np.linspace(0, len(windows.y) - 1, ROWS).astype(int))
     X, y = windows.X[chosen], windows.y[chosen]
     slopes = np.abs([model.jacobian(point) for point in x[:: max(1, len(x) // 200)]]).max(axis=0)
     error = 2 * bound + X[:, -1:] * (slopes @ bound)
     at = np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))
-    away, F, phi = np.zeros((len(at), model.n)), model.rhs(x[at], u[at]), phi[at]
+    away, F, phi = np.zeros((len(at), model.n)), model.rhs(x[at], u[at]), places.phi[at]
     for i in np.flatnonzero(used.any(axis=0)):
         own = used[:, i]
         scale = np.maximum(np.abs(X[:, own]).max(axis=0), 1e-300)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._files import Json
 from persid.certificates.certificate import Certificate
 from persid.certificates.margin import Margin
 from persid.errors import DataError, PersidError, RejectedError
@@ -24,7 +25,7 @@ from persid.identification.windows import NOISE_RATIO, WITH_INSTRUMENTS, choose_
 from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
 from persid.plants.alarms import Alarm, Evidence, alarms
-from persid.plants.bounded import bounded_band
+from persid.plants.bounded import Places, bounded_band
 from persid.verdicts.verdict import Certified, Verdict
 
 OPTIMISM = 5.0  # bands of confidence 1 - a cover with probability 1 - OPTIMISM a, as measured: .99 for about .95
@@ -63,11 +64,17 @@ class PlantMargin:
         """The distance from x* at which plants may stay without input, in state units, rounded up."""
         return None if self.certificate is None else self.certificate.spread
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the object that `--json` prints."""
+    def to_dict(self) -> Json:
+        """Return the object that `--json` prints; the certificate is a file of its own."""
         doubts = [{"kind": alarm.kind, "text": alarm.text} for alarm in self.alarms]
         numbers = {"delta": self.delta, "epsilon": self.epsilon, "confidence": self.confidence, "spread": self.spread}
         return numbers | {"blocks": self.blocks, "share": self.share, "noise": self.noise, "alarms": doubts}
+
+    @classmethod
+    def from_dict(cls, data: Json, certificate: Certificate | None) -> "PlantMargin":
+        """Return what `to_dict` was called on, with the certificate that was read beside it."""
+        kept = {name: data[name] for name in ("delta", "epsilon", "confidence", "blocks", "share", "noise")}
+        return cls(**kept, certificate=certificate, alarms=tuple(Alarm(**alarm) for alarm in data["alarms"]))
 
     def __str__(self) -> str:
         g = f"|g / width|^2 <= ({self.delta:.4g} |(x - x*) / width|)^2 + {self.epsilon:.4g}^2 (1/s)"
@@ -94,12 +101,12 @@ class PlantMargin:
 def plant_margin(
     fit: Any,
     verdict: Verdict,
-    data: Any,
+    data: object,
     *,
     confidence: float = 0.95,
     instruments: bool = True,
     noise: str = "random",
-    bound: Any = None,
+    bound: object = None,
 ) -> PlantMargin:
     """Return what measurements say of the distance between the plant and a certified model, and what is proved of it.
 
@@ -140,7 +147,7 @@ class Reading:
     confidence: float = 0.95
     instruments: bool = True
     noise: str = "random"
-    bound: Any = None
+    bound: object = None
 
     def __post_init__(self) -> None:
         if self.noise not in NOISES or not 0 < self.confidence < 1:
@@ -160,22 +167,42 @@ def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMarg
     used[:, [name in margin.known for name in model.states]] = False
     found = estimate(windows, used)
     nominal = 1 - (1 - asked.confidence) / OPTIMISM
-    x, u = _places(data)
-    columns = phi.columns(x, u)
+    places = _places(data, phi)
+    x = places.x
     if random:
-        away = np.abs(columns @ found.theta - model.rhs(x, u)) + found.band(columns, nominal)
+        away = np.abs(places.phi @ found.theta - model.rhs(x, places.u)) + found.band(places.phi, nominal)
     else:
-        at, away = bounded_band(windows, used, _bound(asked.bound, model), model, x, u, columns)
+        at, away = bounded_band(windows, used, _bound(asked.bound, model), model, places)
         x = x[at]
     size = np.linalg.norm((away / margin.width)[:, used.any(axis=0)], axis=1)
     distance = np.linalg.norm((x - margin.certificate.operating_point) / margin.width, axis=1)
     beyond = size**2 - (margin.delta * distance) ** 2
     epsilon = float(np.sqrt(max(0.0, float(beyond.max()))))
-    doubts = alarms(Evidence(data, phi, windows, found, asked.hold, asked.instruments, nominal)) if random else ()
+    doubts = (
+        alarms(
+            Evidence(
+                data=data,
+                phi=phi,
+                windows=windows,
+                found=found,
+                hold=asked.hold,
+                instruments=asked.instruments,
+                confidence=nominal,
+            )
+        )
+        if random
+        else ()
+    )
     return PlantMargin(
-        margin.delta, epsilon, asked.confidence, _with_constant(margin, epsilon), found.blocks,
-        float((beyond <= 0).mean()), tuple(doubts), asked.noise,
-    )  # fmt: skip
+        delta=margin.delta,
+        epsilon=epsilon,
+        confidence=asked.confidence,
+        certificate=_with_constant(margin, epsilon),
+        blocks=found.blocks,
+        share=float((beyond <= 0).mean()),
+        alarms=tuple(doubts),
+        noise=asked.noise,
+    )
 
 
 def _margin(verdict: Verdict) -> Margin:
@@ -193,7 +220,7 @@ def _with_constant(margin: Margin, epsilon: float) -> Certificate | None:
         return None
 
 
-def _bound(bound: Any, model: PersidskiiModel) -> Float[ndarray, " n"]:
+def _bound(bound: object, model: PersidskiiModel) -> Float[ndarray, " n"]:
     try:
         sizes = np.broadcast_to(np.asarray(bound, float), (model.n,)).copy()
     except (TypeError, ValueError):
@@ -205,11 +232,12 @@ def _bound(bound: Any, model: PersidskiiModel) -> Float[ndarray, " n"]:
     return sizes
 
 
-def _places(data: Trajectories) -> tuple[Float[ndarray, "N n"], Float[ndarray, "N m"]]:
+def _places(data: Trajectories, phi: Dictionary) -> Places:
     """Return samples, and points between two samples of states and inputs each: the hull of what was measured."""
     both = np.vstack([np.hstack([run.x, run.u]) for run in data])
     rng, n = np.random.default_rng(0), len(data.states)
     first, second = both[rng.integers(len(both), size=POINTS)], both[rng.integers(len(both), size=POINTS)]
     share = rng.uniform(size=(POINTS, 1))
     found = np.vstack([both[:: max(1, len(both) // POINTS)], first + share * (second - first)])
-    return found[:, :n], found[:, n:]
+    x, u = found[:, :n], found[:, n:]
+    return Places(x, u, phi.columns(x, u))

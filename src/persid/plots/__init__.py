@@ -7,9 +7,9 @@
 Blue and solid is measured, red and dashed is the model; the colours are told apart by colour-blind readers and in grey.
 """
 
+from persid.identification.diagnostics import COLLINEAR
 from persid.plots.characteristics import characteristic, effect, tabulated
 from persid.plots.fields import (
-    COLLINEAR,
     box_of,
     contributions,
     correlation_matrix,

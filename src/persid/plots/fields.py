@@ -8,6 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy import ndarray
 
+from persid.identification.diagnostics import COLLINEAR
 from persid.lyapunov.operating_points import residual
 from persid.measurements.trajectory import Trajectory
 from persid.models.formulas import left_side, term_names
@@ -17,11 +18,10 @@ from persid.plots.style import FIELD, FORM, MEASURED, MODEL, short, thin_path, t
 ARROWS = 17
 MOST_TERMS = 16  # drawn of one equation
 MOST_COLUMNS = 20  # drawn of a matrix of correlations
-COLLINEAR = 0.99
 
 
 def vector_field(
-    ax: Axes, model: PersidskiiModel, box: Any = None, states: Sequence[int] = (0, 1), centre: Any = None
+    ax: Axes, model: PersidskiiModel, box: object = None, states: Sequence[int] = (0, 1), centre: Any = None
 ) -> Axes:
     """Draw the direction of x', or of x+ - x, for u = u_ref over two states, the others at `centre` (x_ref)."""
     X, Y, points = mesh(box_of(model, box), states, ARROWS, model.x_ref if centre is None else centre, 0.5 / ARROWS)
@@ -123,7 +123,7 @@ def _columns(model: PersidskiiModel, x: ndarray, u: ndarray) -> ndarray:
         return np.column_stack([dx, *(f.value(dx @ row) for f, row in pairs), u - model.u_ref, np.ones(len(x))])
 
 
-def box_of(model: PersidskiiModel, box: Any, point: Any = None) -> Float[ndarray, "n 2"]:
+def box_of(model: PersidskiiModel, box: object, point: Any = None) -> Float[ndarray, "n 2"]:
     """Return the box given, or the domain of the data with the operating point, a quarter wider on each side."""
     if box is not None:
         return np.asarray(box, float)

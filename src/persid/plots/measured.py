@@ -81,7 +81,7 @@ def gaps(runs: Trajectories) -> list[tuple[float, float]]:
     return found[:MOST_GAPS]
 
 
-FOUND: dict[str, Any] = {"color": MODEL, "lw": 1.3, "ls": DASHES, "label": "model, free run"}
+FOUND: dict[str, object] = {"color": MODEL, "lw": 1.3, "ls": DASHES, "label": "model, free run"}
 BESIDE: dict[str, Any] = {"color": FORM, "lw": 1.2, "ls": ":", "label": "free fit"}
 
 

@@ -1,7 +1,7 @@
 """Comparison: what stands beside a verdict, the scores of the very model and the fit that was not delivered."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray
@@ -10,12 +10,15 @@ from persid._dyadics import value
 from persid._files import Json
 from persid._text import below
 from persid.certificates.certificate import Certificate
-from persid.identification.scores import Scores
+from persid.identification.scores import Ahead, Scores
 from persid.lyapunov.operating_points import find_operating_point
 from persid.measurements.recordings import Measurements
 from persid.models.model import PersidskiiModel
 from persid.plants.residuals import doubt, inside, measured_residuals
 from persid.verdicts.verdict import Certified, Refuted, Verdict
+
+if TYPE_CHECKING:
+    from persid.certified_fits.delivery import Delivery
 
 MOST_STATES = 20  # of an undecided model whose equilibrium is sought anew
 
@@ -72,7 +75,7 @@ def _nominal(verdict: Verdict, model: object) -> tuple[ndarray | None, ndarray |
     return None if point is None else point.x, model.u_ref
 
 
-def _numbers(pairs: Any) -> ndarray:
+def _numbers(pairs: Iterable[Sequence[int]]) -> ndarray:
     return np.array([value(pair) for pair in pairs])
 
 
@@ -87,7 +90,7 @@ def _outside(x: ndarray | None, u: ndarray | None, data: Measurements) -> Iterat
             yield f"the nominal {name} = ({shown}) lies outside the range of the data"
 
 
-def score_rows(made: Any) -> list[tuple[str, str]]:
+def score_rows(made: "Delivery") -> list[tuple[str, str]]:
     """Return rows: how the delivered model foretells data that it has not seen, and the free fit beside it."""
     if made.scores is None:
         return []
@@ -109,12 +112,12 @@ def scored(scores: Scores) -> str:
     return f"{_figures(scores.headline)} over {scores.headline.length}{beside}"
 
 
-def _figures(row: Any) -> str:
+def _figures(row: Ahead) -> str:
     blown = f", {row.blow_ups} of {row.runs} runs blow up" if row.blow_ups else ""
     return f"R2 {row.r2_mean:.4f}, error {max(row.percent):.2g} % of the range{blown}"
 
 
-def score_facts(made: Any) -> Json:
+def score_facts(made: "Delivery") -> Json:
     """Return the scores of the delivered model and of the free fit, and the price, for programs."""
     price = (made.comparison or {}).get("price")
     return {"scores": facts(made.scores), "free_scores": facts(made.free_scores), "price": price}
@@ -132,7 +135,7 @@ def facts(scores: Scores | None) -> Json | None:
     return {"on": scores.basis, "unseen": scores.unseen, "headline": scores.place, "rows": rows}
 
 
-def alternative_rows(made: Any) -> list[tuple[str, str]]:
+def alternative_rows(made: "Delivery") -> list[tuple[str, str]]:
     """Return the row of a certified model that was not delivered, with its price."""
     if made.alternative is None:
         return []
@@ -141,7 +144,7 @@ def alternative_rows(made: Any) -> list[tuple[str, str]]:
     return [("beside it", f"a certified model, {why}: alternative/model.json, certificate.json")]
 
 
-def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
+def comparison_rows(comparison: Json | None) -> list[tuple[str, str]]:
     """Return the free fit and the one under the certificate side by side, as rows of a table; none without two fits."""
     if not comparison:
         return []
@@ -151,7 +154,7 @@ def comparison_rows(comparison: Any) -> list[tuple[str, str]]:
     return rows
 
 
-def both_fits(comparison: Any) -> str:
+def both_fits(comparison: Json) -> str:
     """Return in one clause how free runs of the certified model and of the other one miss the data."""
     free, *certified = comparison["fits"]
     if not certified:
@@ -161,6 +164,6 @@ def both_fits(comparison: Any) -> str:
     return f"certified model: free-run error {_error(certified[0])}; {name} {_error(free)}"
 
 
-def _error(fit: Any) -> str:
+def _error(fit: Json) -> str:
     blown = f" ({fit['blow_ups']} runs blow up)" if fit["blow_ups"] else ""
     return f"{fit['rmse']:.4g}{blown}"

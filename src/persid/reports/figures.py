@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +10,13 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy import ndarray
 
 from persid import plots
+from persid._files import Json
 from persid.identification.diagnostics import FitReport
 from persid.identification.free_runs import one_step, score
 from persid.measurements.trajectories import Trajectories
@@ -278,7 +280,7 @@ def correlations(model: PersidskiiModel, x: ndarray, u: ndarray) -> list[Drawing
     return [Drawing("correlations", figure, f"Matrix of disks for {', '.join(names)}. {caption}", caption)]
 
 
-def fits(record: Mapping[str, Any] | None, states: Sequence[str]) -> list[Drawing]:
+def fits(record: Json | None, states: Sequence[str]) -> list[Drawing]:
     """Draw the free fit beside the one under the certificate, where there are both."""
     found = [fit for fit in (record or {}).get("fits", ()) if all(np.isfinite(fit["r2"]))]
     if len(found) < 2:
@@ -292,7 +294,7 @@ def fits(record: Mapping[str, Any] | None, states: Sequence[str]) -> list[Drawin
     return [Drawing("fits", figure, f"{caption} {words}.", caption)]
 
 
-def candidates(record: Mapping[str, Any] | None) -> list[Drawing]:
+def candidates(record: Json | None) -> list[Drawing]:
     """Draw the candidates among which a search has chosen."""
     rows = (record or {}).get("candidates") or ()
     shown = [row for row in rows if isinstance(row.get("error"), float) and np.isfinite(row["error"])]
@@ -342,7 +344,7 @@ def side_by_side(count: int, height: float, width: float = 5.4) -> tuple[Figure,
 
 def legend(figure: Figure, axes: Sequence[Axes], columns: int) -> None:
     """Put one legend for some Axes above the whole figure."""
-    entries: dict[str, Any] = {}
+    entries: dict[str, Artist] = {}
     for ax in axes:
         handles, labels = ax.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))

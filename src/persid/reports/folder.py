@@ -1,7 +1,7 @@
 """The folder of a run: all its files are written, or none."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from persid.reports import layout
 from persid.reports.delivery import delivery
@@ -9,8 +9,11 @@ from persid.reports.page import write_report
 from persid.reports.results import Results
 from persid.reports.verdict_files import write_verdict
 
+if TYPE_CHECKING:
+    from persid.certified_fits.delivery import Alternative
 
-def write_folder(output: Path, results: Results, beside: Any = None) -> str:
+
+def write_folder(output: Path, results: Results, beside: "Alternative | None" = None) -> str:
     """Write all files of a run, or none; return the name of the file that carries the verdict.
 
     The certified model that was not delivered goes into a folder of its own.

@@ -32,7 +32,7 @@ def read_object(path: Path, form: str) -> Json:
     return content
 
 
-def restored(kind: Any, entry: Any) -> Any:
+def restored(kind: object, entry: Any) -> Any:
     """Return the value of a type from what `dataclasses.asdict` and JSON made of it; the type says how.
 
     Raises:
@@ -52,7 +52,7 @@ def restored(kind: Any, entry: Any) -> Any:
     return tuple(restored(*pair) for pair in zip(inner, entry, strict=True))
 
 
-def _finite(entry: object) -> Any:
+def _finite(entry: object) -> object:
     """Write numbers that JSON has no word for as {"float": "inf"}."""
     if isinstance(entry, Mapping):
         return {name: _finite(part) for name, part in entry.items()}
@@ -62,5 +62,5 @@ def _finite(entry: object) -> Any:
     return {"float": str(entry)} if odd else entry
 
 
-def _number_or_object(content: Json) -> Any:
+def _number_or_object(content: Json) -> object:
     return float(content["float"]) if set(content) == {"float"} else content

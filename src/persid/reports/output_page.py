@@ -2,11 +2,10 @@
 
 import hashlib
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
-from persid._files import write_atomically
+from persid._files import Json, write_atomically
 from persid._text import above, below
 from persid.models.equations import equations
 from persid.models.outputs import OutputModel
@@ -82,7 +81,7 @@ def output_front(results: Results, model: OutputModel, runs: list[OutputRun]) ->
 def _page(results: Results, model: OutputModel, runs: list[OutputRun], drawn: list[Drawing]) -> str:
     verdict = results.verdict
     certificate = verdict.certificate if isinstance(verdict, Certified) else None
-    compared: Any = (results.record.comparison if results.record else None) or {}
+    compared: Json = (results.record.comparison if results.record else None) or {}
     return (
         environment()
         .get_template("output_report.html.jinja")

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._files import Json
 from persid.certificates.certificate import Certificate
 from persid.errors import PersidError
 from persid.identification.scores import Scores, scores_of
@@ -59,12 +60,21 @@ class OutputScores:
         each = zip(self.outputs, self.rmse, self.percent, self.r2, strict=True)
         return [(name, f"R2 {r2:.4f}, RMSE {rmse:.4g} ({part:.2g} % of its range)") for name, rmse, part, r2 in each]
 
-    def to_dict(self) -> dict[str, dict[str, float | None]]:
-        """Return the scores by output; what is not finite is None."""
+    @classmethod
+    def from_dict(cls, data: Json) -> "OutputScores":
+        """Return what `to_dict` was called on; what was not finite is NaN."""
+        return cls(tuple(data), *(_columns(data, name) for name in ("rmse", "percent", "r2")))
+
+    def to_dict(self) -> Json:
+        """Return the scores by output; what is not finite is None. `from_dict` is the way back."""
         names = ("rmse", "percent", "r2")
         return {
             name: {key: _finite(float(getattr(self, key)[i])) for key in names} for i, name in enumerate(self.outputs)
         }
+
+
+def _columns(data: Json, name: str) -> Float[ndarray, " l"]:
+    return np.array([np.nan if entry[name] is None else entry[name] for entry in data.values()])
 
 
 def run_scores(runs: Sequence[OutputRun], model: OutputModel, unseen: bool) -> Scores:

@@ -219,7 +219,7 @@ def _spectrum(results: Results) -> list[tuple[str, float, float, float | None]]:
 LABELS = {"r2": "R²", "seconds": "time, s", "rmse": "RMSE"}
 
 
-def _candidates(results: Results) -> tuple[list[str], list[list[Any]]]:
+def _candidates(results: Results) -> tuple[list[str], list[list[object]]]:
     """Return the columns and rows of the table of candidate fits, whatever was recorded of them."""
     compared = results.record.comparison if results.record else None
     rows = list((compared or {}).get("candidates") or ())

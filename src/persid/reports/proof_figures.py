@@ -1,9 +1,9 @@
 """The report's figures of motion and proof: Lyapunov functions, bounds, sector forms, and what speaks against them."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy import ndarray
 
 from persid import plots
@@ -63,7 +63,7 @@ def _rest(model: PersidskiiModel, where: str) -> str:
     return "" if model.n == 2 else f"; the other states are at {where}"
 
 
-def _named(kind: str, figure: Any, model: PersidskiiModel, pair: tuple[int, int], caption: str) -> Drawing:
+def _named(kind: str, figure: Figure, model: PersidskiiModel, pair: tuple[int, int], caption: str) -> Drawing:
     names = " and ".join(model.states[k] for k in pair)
     return Drawing(f"{kind}-{pair[0] + 1}-{pair[1] + 1}", figure, f"Plane of {names}. {caption}", caption)
 

@@ -6,8 +6,8 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
+from persid._files import Json
 from persid.errors import FolderError
 from persid.identification.advice import Diagnosis
 from persid.identification.diagnostics import FitReport
@@ -40,11 +40,11 @@ class Record:
 
     command: str
     sources: tuple[Source, ...]
-    reading: Mapping[str, Any]
+    reading: Json
     fit: FitReport | None
     attempts: tuple[Attempt, ...]
     versions: Mapping[str, str]
-    comparison: Mapping[str, Any] | None = None
+    comparison: Json | None = None
     scores: Scores | None = None
     test: tuple[Source, ...] = ()
     diagnosis: Diagnosis | None = None

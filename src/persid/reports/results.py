@@ -1,10 +1,10 @@
 """Results: what a run found, and how it is read back from its folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from persid._files import Json
 from persid.errors import FolderError
 from persid.identification.derivatives import embedded
 from persid.identification.scores import Scores, hold_out
@@ -78,7 +78,7 @@ def read_results(folder: Path) -> Results:
     return Results(model, verdict, data, record, held)
 
 
-def _read_again(sources: Sequence[Source], reading: Mapping[str, Any], inputs: Sequence[str]) -> Trajectories | None:
+def _read_again(sources: Sequence[Source], reading: Json, inputs: Sequence[str]) -> Trajectories | None:
     """Read measurements where they still are what they were, with the inputs named."""
     paths = [Path(source.path) for source in sources]
     if not paths or not all(p.is_file() and sha256(p) == s.sha256 for p, s in zip(paths, sources, strict=True)):

@@ -8,9 +8,8 @@ has pi/299; all four readings are shown. "In sample" is a free run over the data
 last 30 % of the time by a fit to the first 70 %.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -83,9 +82,9 @@ def heat(reading: str, step: str, size: int) -> ps.Trajectories:
     return ps.Trajectories.from_arrays(np.concatenate(states), signal(t), t=t)
 
 
-def signal(t: Any) -> Any:
+def signal(t: float | ndarray) -> ndarray:
     """Return the input u(t)."""
-    return np.sin(t) + 0.5 * np.cos(2 * t)
+    return np.asarray(np.sin(t) + 0.5 * np.cos(2 * t))
 
 
 def _cell(parts: Parts, combination: str, reading: str, step: str, size: int) -> Json:
@@ -100,8 +99,8 @@ def _compute(combination: str, reading: str, step: str, size: int) -> Json:
     cut = round(SHARE * size)
     whole, split = _fit(combination, data), _fit(combination, _part(data, slice(0, cut)))
     return {
-        "in sample": free_run_score(whole.model_, data, "paper").to_dict(),
-        "split": free_run_score(split.model_, _part(data, slice(cut - 1, size)), "paper").to_dict(),
+        "in sample": free_run_score(whole.model_, data, "paper").figures(),
+        "split": free_run_score(split.model_, _part(data, slice(cut - 1, size)), "paper").figures(),
         "rank": int(np.linalg.matrix_rank(data[0].x, tol=1e-6 * np.linalg.norm(data[0].x, 2))),
         "columns": size * len(COMBINATIONS[combination]) + 1 + (combination == "4"),
     }
@@ -125,7 +124,7 @@ def _fit(combination: str, data: ps.Trajectories) -> ps.PersidskiiIdentifier:
     ).fit(data)
 
 
-def _tables(cells: dict[tuple[str, str], Any]) -> tuple[Table, ...]:
+def _tables(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> tuple[Table, ...]:
     columns = ("combination", "paper", *(f"f of the {r}, step {s}" for r, s in cells))
     tables = [
         Table(
@@ -151,7 +150,7 @@ def _error(score: Json) -> str:
     return "blows up" if score["blow_ups"] else number(score["rmse"])
 
 
-def _figures(cells: dict[tuple[str, str], Any]) -> dict[str, float | int | str | None]:
+def _figures(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> dict[str, float | int | str | None]:
     found: dict[str, float | int | str | None] = {}
     for (reading, step), column in cells.items():
         for name, cell in column.items():
@@ -162,7 +161,7 @@ def _figures(cells: dict[tuple[str, str], Any]) -> dict[str, float | int | str |
     return found
 
 
-def _drawing(cells: dict[tuple[str, str], Any]) -> Drawing:
+def _drawing(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> Drawing:
     figure = Figure(figsize=(9, 3.4 * -(-len(cells) // 2)), layout="constrained")
     for k, ((reading, step), column) in enumerate(cells.items()):
         ax = figure.add_subplot(-(-len(cells) // 2), min(2, len(cells)), k + 1)
@@ -181,7 +180,7 @@ def _drawing(cells: dict[tuple[str, str], Any]) -> Drawing:
     )
 
 
-def _errors(column: Json, kind: str) -> Sequence[float]:
+def _errors(column: Mapping[str, Json], kind: str) -> Sequence[float]:
     return [np.nan if column[name][kind]["blow_ups"] else column[name][kind]["rmse"] for name in COMBINATIONS]
 
 

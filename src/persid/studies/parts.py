@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from tqdm import tqdm
 
@@ -16,7 +16,7 @@ from persid._files import Json, json_object, write_atomically
 from persid.models.model import PersidskiiModel
 from persid.reports.record import versions
 from persid.verdicts.summary import summarize
-from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided, Verdict
+from persid.verdicts.verdict import Reason, Undecided, Verdict
 
 BAR = "{bar:20} {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
 PARTS, PROOFS, MODELS = "parts", "proofs", "models"
@@ -27,7 +27,7 @@ class Parts:
     """The folder of a study with its finished parts; `origin` goes into every part's hash, `count` parts are meant."""
 
     folder: Path
-    origin: Mapping[str, Any]
+    origin: Mapping[str, object]
     progress: Callable[[str], None]
     count: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
@@ -87,7 +87,7 @@ class Parts:
             raise KeyboardInterrupt
         files = [f"{MODELS}/{_file_name(name)}.json"]
         model.save(self.folder / files[0])
-        proof = _proof(verdict)
+        proof = verdict.proof
         if proof is not None:
             files.append(f"{PROOFS}/{_file_name(name)}.json")
             proof.save(self.folder / files[1])
@@ -100,12 +100,6 @@ class Parts:
 
     def _complete(self, result: object) -> bool:
         return all((self.folder / name).is_file() for name in _files(result))
-
-
-def _proof(verdict: Verdict) -> Any:
-    if isinstance(verdict, Certified):
-        return verdict.certificate
-    return verdict.witness if isinstance(verdict, Refuted) else verdict.obstruction
 
 
 def _files(result: object) -> Iterator[str]:
@@ -132,7 +126,7 @@ def _refuse(value: object) -> NoReturn:
     raise TypeError(f"a parameter of a part is {value!r}; needed are JSON values, so that its hash is certain")
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     """Return JSON values: arrays as lists, numbers that JSON has no word for as None."""
     if isinstance(value, Mapping):
         return {str(name): _plain(part) for name, part in value.items()}

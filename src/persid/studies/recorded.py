@@ -5,10 +5,8 @@ python -m persid.studies.recorded OUT        the folder of one study, quick or f
 
 import json
 import sys
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from persid._files import Json, write_atomically
 from persid.studies.tables import Figure, Study
@@ -57,7 +55,7 @@ def record(folder: Path) -> Path:
     return path
 
 
-def _entry(found: Mapping[str, Any]) -> Json:
+def _entry(found: Json) -> Json:
     figures = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in found["figures"].items()}
     return {"versions": found["versions"], "seconds": round(found["seconds"], 1), "figures": figures}
 

@@ -24,8 +24,13 @@ class Table:
         return f"{self.caption}\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
     def to_dict(self) -> Json:
-        """Return the table as a JSON object."""
+        """Return the table as a JSON object; `from_dict` is the way back."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Json) -> "Table":
+        """Return what `to_dict` was called on, as it is or read from JSON."""
+        return cls(data["name"], data["caption"], tuple(data["columns"]), tuple(map(tuple, data["rows"])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ against the disturbed data; runs from near and far starts are scored against the
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -50,7 +50,7 @@ REVISION = 1  # raised with every change of what is computed: parts of other rev
 
 PLAIN = {"x_ref": 0.0, "scale": 1.0}  # the functions of x itself, as in the paper
 LITERAL, COORDINATES, DEFAULT = "EDMD + log, literal Γ", "EDMD + log, coordinates", "default"
-ESTIMATORS: dict[str, dict[str, Any]] = {
+ESTIMATORS: dict[str, Json] = {
     LITERAL: PLAIN | {"method": "edmd", "gamma": "literal"},
     COORDINATES: PLAIN | {"method": "edmd"},
     "least squares on derivatives": PLAIN | {"method": "derivative", "ridge": 0.0},
@@ -140,13 +140,13 @@ def undisturbed(starts: tuple[tuple[float, float], ...]) -> ps.Trajectories:
     return ps.Trajectories.from_arrays(runs, [np.sin(T)] * len(runs), t=[T] * len(runs))
 
 
-def _cell(parts: Parts, label: str, options: Mapping[str, object], name: str) -> Json:
+def _cell(parts: Parts, label: str, options: Json, name: str) -> Json:
     """Return scores, run and verdict of one estimator under one disturbance."""
     parameters = {"options": dict(options), "limit": TIME_LIMIT}
     return parts.part(f"{label}, {name}", parameters, partial(_compute, parts, label, options, name))
 
 
-def _compute(parts: Parts, label: str, options: Mapping[str, Any], name: str) -> Json:
+def _compute(parts: Parts, label: str, options: Json, name: str) -> Json:
     data = disturbed(name)
     try:
         fit = ps.PersidskiiIdentifier(**options).fit(data)
@@ -197,7 +197,11 @@ def _truth_verdicts(parts: Parts) -> Json:
 
 
 def _tables(
-    names: Sequence[str], cells: Mapping[str, Any], strengths: Sequence[float], path: Mapping[str, Any], truth: Any
+    names: Sequence[str],
+    cells: Mapping[str, Mapping[str, Json]],
+    strengths: Sequence[float],
+    path: Mapping[str, Sequence[Json]],
+    truth: Json,
 ) -> tuple[Table, ...]:
     def rows(show: Callable[[Json], str]) -> tuple[tuple[str, ...], ...]:
         return tuple((label, *(show(row[name]) for name in names)) for label, row in cells.items())
@@ -254,7 +258,7 @@ def _kind(verdict: Json) -> str:
 
 
 def _figures(
-    cells: Mapping[str, Any], path: Mapping[str, Any], strengths: Sequence[float], truth: Any
+    cells: Mapping[str, Mapping[str, Json]], path: Mapping[str, Sequence[Json]], strengths: Sequence[float], truth: Json
 ) -> dict[str, float | int | str | None]:
     """Return every number and verdict by name."""
     found: dict[str, float | int | str | None] = {}
@@ -279,7 +283,10 @@ def _cell_figures(label: str, cell: Json) -> dict[str, float | int | str | None]
 
 
 def _drawings(
-    names: Sequence[str], cells: Mapping[str, Any], strengths: Sequence[float], path: Mapping[str, Any]
+    names: Sequence[str],
+    cells: Mapping[str, Mapping[str, Json]],
+    strengths: Sequence[float],
+    path: Mapping[str, Sequence[Json]],
 ) -> tuple[Drawing, ...]:
     return (
         Drawing(
@@ -302,7 +309,7 @@ def _drawings(
     )  # fmt: skip
 
 
-def _trajectories(names: Sequence[str], row: Mapping[str, Any]) -> Figure:
+def _trajectories(names: Sequence[str], row: Mapping[str, Json]) -> Figure:
     figure = Figure(figsize=(9, 4.2 * -(-len(names) // 2)), layout="constrained")
     for k, name in enumerate(names):
         ax: Any = figure.add_subplot(-(-len(names) // 2), 2, k + 1, projection="3d")
@@ -320,7 +327,7 @@ def _trajectories(names: Sequence[str], row: Mapping[str, Any]) -> Figure:
     return figure
 
 
-MARKS: dict[str, tuple[str, Any]] = {
+MARKS: dict[str, tuple[str, Literal["full", "bottom", "none"]]] = {
     "certified": ("o", "full"),
     "certified regionally": ("o", "bottom"),
     "undecided": ("o", "none"),
@@ -328,7 +335,7 @@ MARKS: dict[str, tuple[str, Any]] = {
 }
 
 
-def _ridge_path(strengths: Sequence[float], path: Mapping[str, Any]) -> Figure:
+def _ridge_path(strengths: Sequence[float], path: Mapping[str, Sequence[Json]]) -> Figure:
     figure = Figure(figsize=(7.5, 4.4), layout="constrained")
     ax = figure.add_subplot()
     colors = dict(zip(DISTURBANCES, (plots.MEASURED, plots.LEVEL, plots.FORM, plots.MODEL), strict=True))

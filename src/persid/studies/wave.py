@@ -13,7 +13,6 @@ import tracemalloc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -37,8 +36,9 @@ SEEDS = 5
 TIME_LIMIT = 30.0  # s for the verdict on a model
 PLAIN = ("x", "x**3", "sinh(x)", "tanh(x)")
 TRANSLATED = ("x", "x**3", "tanh(x)", "tanh(x - 1)", "tanh(x + 1)", "tanh(x - 2)", "tanh(x + 2)")
+Fitted = ps.PersidskiiIdentifier | OneStepRegressor
 RIDGES = {"gps": (1e-4, 1e-2, 0.1), "one step": (1e-2, 1.0, 100.0, 1e4), "poly": (100.0, 1e4)}
-GPS: dict[str, dict[str, Any]] = {
+GPS: dict[str, Json] = {
     "GPS, full": {"functions": PLAIN},
     "GPS, stencil": {"functions": PLAIN, "stencil": True},
     "GPS, shared stencil": {"functions": PLAIN, "stencil": True, "shared": True},
@@ -112,7 +112,7 @@ def paper_run(points: int) -> ps.Trajectories:
     return _integrate(y, t, np.sin(y)[None], lambda s: np.array([np.sin(s) + 0.5 * np.cos(2 * s)]))
 
 
-def _integrate(y: ndarray, t: ndarray, start: ndarray, u: Any) -> ps.Trajectories:
+def _integrate(y: ndarray, t: ndarray, start: ndarray, u: Callable[[float], ndarray]) -> ps.Trajectories:
     """Integrate all runs at once by Runge-Kutta, with steps well inside the stability limit of diffusion."""
     dx, middle = y[1] - y[0], (np.abs(y - 1.5 * np.pi) <= 0.3 * np.pi).astype(float)
 
@@ -131,7 +131,7 @@ def _integrate(y: ndarray, t: ndarray, start: ndarray, u: Any) -> ps.Trajectorie
     return ps.Trajectories.from_arrays(list(found), list(inputs), t=[t] * len(found))
 
 
-def _fit(label: str, data: ps.Trajectories, ridge: float, seed: int = 0) -> Any:
+def _fit(label: str, data: ps.Trajectories, ridge: float, seed: int = 0) -> Fitted:
     if label in BASELINES:
         return OneStepRegressor(BASELINES[label], ridge, seed).fit(data)
     options = GPS[label]
@@ -149,12 +149,12 @@ class Coarse:
 
     model: ps.PersidskiiModel
 
-    def simulate(self, x0: Any, t: Any, u: Any = None) -> ps.Trajectories:
+    def simulate(self, x0: object, t: ndarray, u: object = None) -> ps.Trajectories:
         """Return the run from x0."""
         return self.model.simulate(x0, t, u, rtol=1e-5, atol=1e-7)
 
 
-def _free_runs(model: Any, data: ps.Trajectories) -> Score:
+def _free_runs(model: Fitted, data: ps.Trajectories) -> Score:
     if isinstance(model, OneStepRegressor):
         return model.free_run(data)
     return free_run_score(Coarse(model.model_), data, "paper")
@@ -172,7 +172,7 @@ def _data(size: Size, seed: int) -> tuple[ps.Trajectories, ps.Trajectories, ps.T
     return all_runs[: size.fit], all_runs[size.fit : size.fit + size.tune], all_runs[size.fit + size.tune :]
 
 
-def _tuned(label: str, size: Size, seed: int, say: Callable[[str], None]) -> tuple[Any, float, float]:
+def _tuned(label: str, size: Size, seed: int, say: Callable[[str], None]) -> tuple[Fitted, float, float]:
     """Return the model whose ridge is best on the runs to tune, that ridge, and the seconds of a fit."""
     fit, tune, _ = _data(size, seed)
     tried, seconds = [], 0.0
@@ -205,7 +205,7 @@ def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> J
     start = own.x[: model.lags] if isinstance(model, OneStepRegressor) else own.x[0]
     found = model.simulate(start, own.t, own.u)[0].x
     return {
-        "held out": held.to_dict(), "paper run": paper.to_dict(), "ridge": ridge, "seconds": seconds,
+        "held out": held.figures(), "paper run": paper.figures(), "ridge": ridge, "seconds": seconds,
         "run": np.round(found, 4) if seed == 0 else [],
     }  # fmt: skip
 
@@ -216,12 +216,12 @@ def _single(parts: Parts, label: str, size: Size) -> Json:
     def compute() -> Json:
         data = paper_run(size.points)
         model = _fit(label, data, _strengths(label)[0])
-        return {"free": _free_runs(model, data).to_dict(), "one step": _one_step(model, data)}
+        return {"free": _free_runs(model, data).figures(), "one step": _one_step(model, data)}
 
     return parts.part(f"{label}, one run", _parameters(label, size), compute)
 
 
-def _one_step(model: Any, data: ps.Trajectories) -> float | None:
+def _one_step(model: Fitted, data: ps.Trajectories) -> float | None:
     """Return the RMSE of predictions one step ahead."""
     if isinstance(model, OneStepRegressor):
         return None
@@ -260,7 +260,10 @@ def _cost(parts: Parts, label: str, size: Size) -> Json:
 
 
 def _tables(
-    cells: Mapping[str, Any], single: Mapping[str, Any], verdicts: Mapping[str, Any], costs: Mapping[str, Any]
+    cells: Mapping[str, Sequence[Json]],
+    single: Mapping[str, Json],
+    verdicts: Mapping[str, Json],
+    costs: Mapping[str, Json],
 ) -> tuple[Table, ...]:
     errors = tuple(
         (
@@ -307,14 +310,14 @@ def _tables(
     )
 
 
-def _spread(column: Sequence[Any], kind: str, what: str) -> str:
+def _spread(column: Sequence[Json], kind: str, what: str) -> str:
     if what == "r2" and any(cell[kind]["blow_ups"] for cell in column):
         return "—"
     return spread([None if cell[kind]["blow_ups"] else cell[kind][what] for cell in column])
 
 
 def _figures(
-    cells: Mapping[str, Any], single: Mapping[str, Any], verdicts: Mapping[str, Any]
+    cells: Mapping[str, Sequence[Json]], single: Mapping[str, Json], verdicts: Mapping[str, Json]
 ) -> dict[str, float | int | str | None]:
     found: dict[str, float | int | str | None] = {}
     for label, column in cells.items():
@@ -327,7 +330,7 @@ def _figures(
     return found | {f"{label}: verdict": verdict["verdict"] for label, verdict in verdicts.items()}
 
 
-def _drawing(cells: Mapping[str, Any], size: Size) -> Drawing:
+def _drawing(cells: Mapping[str, Sequence[Json]], size: Size) -> Drawing:
     """Draw the paper's run and every model's, at the last time over space and at the middle over time."""
     own, y = paper_run(size.points)[0], np.linspace(0, 3 * np.pi, size.points)
     figure = Figure(figsize=(10, 2.6 * len(cells)), layout="constrained")

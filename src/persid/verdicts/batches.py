@@ -7,15 +7,16 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from persid.errors import DataError
-from persid.measurements.engines import Cluster, Progress, make_engine, silent
+from persid.measurements.engines import Cluster, DaskClient, Progress, make_engine, silent
 from persid.models.descriptor import DescriptorModel
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.verdicts.certify import certify
+from persid.verdicts.options import AskedAtRate
 from persid.verdicts.verdict import Reason, Undecided, Verdict
 
 
@@ -52,7 +53,7 @@ def certify_many(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    **question: Any,
+    **question: Unpack[AskedAtRate],
 ) -> tuple[Answer, ...]:
     """Decide many models, in this process, in several, or on Dask; the answers stand in the order of the models.
 
@@ -93,7 +94,7 @@ def certify_many(
 
 def _engine(
     engine: object, scheduler: str | None, jobs: int | None
-) -> Callable[[list[Subject], dict[str, Any]], Numbered]:
+) -> Callable[[list[Subject], AskedAtRate], Numbered]:
     """Return what decides models one by one, in any order."""
     if scheduler is None and (engine is None or engine == "processes"):
         count = 1 if engine is None else jobs or os.cpu_count() or 1
@@ -104,7 +105,7 @@ def _engine(
     return lambda models, question: _on_cluster(made.client, models, question)
 
 
-def _decide(model: Subject, question: dict[str, Any]) -> Answer:
+def _decide(model: Subject, question: AskedAtRate) -> Answer:
     """Decide one model; whatever goes wrong becomes an answer."""
     try:
         return certify(load_model(model) if isinstance(model, str | Path) else model, **question)
@@ -117,12 +118,12 @@ def was_interrupted(answer: Answer) -> bool:
     return isinstance(answer, Undecided) and answer.reason is Reason.INTERRUPTED
 
 
-def _here(models: list[Subject], question: dict[str, Any]) -> Numbered:
+def _here(models: list[Subject], question: AskedAtRate) -> Numbered:
     for k, model in enumerate(models):
         yield k, _decide(model, question)
 
 
-def _in_processes(models: list[Subject], question: dict[str, Any], jobs: int) -> Numbered:
+def _in_processes(models: list[Subject], question: AskedAtRate, jobs: int) -> Numbered:
     """Decide in processes; where one dies, those without an answer go on one by one, each in a process of its own."""
     left = dict(enumerate(models))
     for k, answer in _pooled(left, question, min(jobs, len(left))):
@@ -134,7 +135,7 @@ def _in_processes(models: list[Subject], question: dict[str, Any], jobs: int) ->
             yield k, answer or Failed("the process that worked on it died (killed, or out of memory)")
 
 
-def _pooled(models: dict[int, Subject], question: dict[str, Any], jobs: int) -> Iterator[tuple[int, Answer | None]]:
+def _pooled(models: dict[int, Subject], question: AskedAtRate, jobs: int) -> Iterator[tuple[int, Answer | None]]:
     """Yield answers as they come; None for each model that has none because a process died."""
     before = set(multiprocessing.active_children())
     # Not fork: threads of linear algebra do not survive it.
@@ -165,7 +166,7 @@ def _one_thread() -> None:
     threadpool_limits(1)
 
 
-def _on_cluster(client: Any, models: list[Subject], question: dict[str, Any]) -> Numbered:
+def _on_cluster(client: DaskClient, models: list[Subject], question: AskedAtRate) -> Numbered:
     from distributed import as_completed as completed
 
     futures = client.map(_decide, models, question=question, pure=False)

@@ -128,7 +128,10 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            asked = _Asked(dynamics, near, u, box, gains == "each", rate, outputs, claim, arrays, auto=_is_auto(domain))
+            asked = _Asked(
+                model=dynamics, near=near, u=u, box=box, each=gains == "each", rate=rate, outputs=outputs, claim=claim,
+                arrays=arrays, auto=_is_auto(domain),
+            )  # fmt: skip
             return _decide(asked, log)
     except KeyboardInterrupt:
         if log.best is not None:

@@ -1,9 +1,8 @@
 """Evidence beside an undecided verdict: what simulations from bounded states do at the nominal input. No proof."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -38,7 +37,7 @@ class Evidence:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "Evidence":
+    def from_dict(cls, data: Json) -> "Evidence":
         """Return what `to_dict` was called on."""
         return cls(**{**data, "x0": data["x0"] and tuple(data["x0"])})
 

@@ -69,7 +69,15 @@ def _question(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Quest
     reach = setting.reach
     shape = None if reach is None else 1 / reach**2
     full_P = setting.model.n > 1
-    return Question(setting.system, setting.pools, setting.upper, setting.below, full_P, shape, deviations)
+    return Question(
+        system=setting.system,
+        pools=setting.pools,
+        upper=setting.upper,
+        lower=setting.below,
+        full=full_P,
+        shape=shape,
+        deviations=deviations,
+    )
 
 
 def _slowly(setting: Setting, fastest: float, deviation: Deviation, log: Log) -> Lyapunov | Failure:

@@ -48,8 +48,13 @@ class Summary:
     feedback_margins: dict[str, float | None] | None = None
 
     def to_dict(self) -> Json:
-        """Return the object that `--json` prints."""
+        """Return the object that `--json` prints; `from_dict` is the way back."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Json) -> "Summary":
+        """Return what `to_dict` was called on."""
+        return cls(**data)
 
 
 def summarize(verdict: Verdict) -> Summary:
@@ -68,10 +73,32 @@ def summarize(verdict: Verdict) -> Summary:
         claim, scope = certificate.claim, certificate.scope
         margin = None if verdict.margin is None else margin_facts(verdict.margin)
         return Summary(
-            name, claim, scope, point, None, rate, gain, seconds, None, named, verdict.best_rate, margin, loops
+            verdict=name,
+            claim=claim,
+            scope=scope,
+            operating_point=point,
+            reason=None,
+            rate=rate,
+            gain=gain,
+            seconds=seconds,
+            evidence=None,
+            output_gains=named,
+            best_rate=verdict.best_rate,
+            residual_margin=margin,
+            feedback_margins=loops,
         )
     evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
-    return Summary(name, None, None, None, str(verdict).partition(": ")[2], None, None, seconds, evidence)
+    return Summary(
+        verdict=name,
+        claim=None,
+        scope=None,
+        operating_point=None,
+        reason=str(verdict).partition(": ")[2],
+        rate=None,
+        gain=None,
+        seconds=seconds,
+        evidence=evidence,
+    )
 
 
 def _feedback(certificate: Certificate) -> dict[str, float | None] | None:

@@ -1,6 +1,6 @@
 """Rate against gain: a few certificates to choose from, each with the smallest gain that is found at its rate."""
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
@@ -9,13 +9,19 @@ from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.verdicts.certify import certify
+from persid.verdicts.log import Progress
+from persid.verdicts.options import Asked
 from persid.verdicts.verdict import Certified
 
 COUNT = 5
 
 
 def rates_and_gains(
-    model: PersidskiiModel | OutputModel, count: int = COUNT, **question: Any
+    model: PersidskiiModel | OutputModel,
+    count: int = COUNT,
+    *,
+    progress: Progress | None = None,
+    **question: Unpack[Asked],
 ) -> tuple[Certificate, ...]:
     """Return certificates of a model from the smallest gain to the best rate, both rising from one to the next.
 
@@ -24,6 +30,7 @@ def rates_and_gains(
     Args:
         model: as for `certify`.
         count: how many rates are asked about, at least 2; those that bring nothing are left out.
+        progress: is called with a line of text at each step.
         question: further arguments of `certify`, but for `rate`; the time limit is for each rate.
 
     Returns:
@@ -40,7 +47,7 @@ def rates_and_gains(
     """
     if count < 2:
         raise ModelError(f"count is {count}; needed are 2 rates at least, the gentlest and the best")
-    verdict = certify(model, **question)
+    verdict = certify(model, progress=progress, **question)
     if not isinstance(verdict, Certified) or not isinstance(verdict.certificate, Certificate):
         return ()
     first, last = verdict.certificate, verdict.fastest
@@ -49,7 +56,7 @@ def rates_and_gains(
     found = [first] if last is None or last.rate is None else [first, last]
     between = np.linspace(first.rate, found[-1].rate or 0.0, count)[1:-1] if len(found) == 2 else ()
     for rate in between:
-        answer = certify(model, rate=float(rate), **question)
+        answer = certify(model, rate=float(rate), progress=progress, **question)
         if isinstance(answer, Certified) and isinstance(answer.certificate, Certificate):
             found.append(answer.certificate)
     return _worth_having(found)

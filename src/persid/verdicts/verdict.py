@@ -1,9 +1,8 @@
 """Verdicts: certified, refuted, or undecided with its reason, and how each was reached."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from persid._files import Json
 from persid._html import table
@@ -57,8 +56,13 @@ class Attempt:
     seconds: float
 
     def to_dict(self) -> Json:
-        """Return it as an object of JSON; `Attempt(**data)` is the way back."""
+        """Return it as an object of JSON; `from_dict` is the way back."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Json) -> "Attempt":
+        """Return what `to_dict` was called on."""
+        return cls(**data)
 
 
 class _Verdict:
@@ -202,13 +206,13 @@ class Undecided(_Verdict):
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], obstruction: Obstruction | NetworkObstruction | None) -> "Undecided":
+    def from_dict(cls, data: Json, obstruction: Obstruction | NetworkObstruction | None) -> "Undecided":
         """Return what `to_dict` was called on, with the obstruction that was read beside it.
 
         Raises:
             KeyError: a field is missing, or the reason is none that is known.
         """
-        evidence, attempts = data["evidence"], tuple(Attempt(**entry) for entry in data["attempts"])
+        evidence, attempts = data["evidence"], tuple(map(Attempt.from_dict, data["attempts"]))
         seen = None if evidence is None else Evidence.from_dict(evidence)
         return cls(Reason[data["reason"]], data["detail"], attempts, obstruction, seen)
 

@@ -99,33 +99,35 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
     stored, inside = _inside(data["P"], len(model.channels))
     diagonal, P = read_P(stored, model.order + len(inside))
     return Ledger(
-        claim,
-        sha256,
-        form,
-        model,
-        ball,
-        curves,
-        points,
-        _facts(data["facts"], curves, points),
-        diagonal,
-        P,
-        inside,
-        read_gamma(data["gamma"], v),
-        tuple(_deviation(f"deviations[{j}]", value, n, entries + v) for j, value in _listed("deviations", data)),
-        read_dropped(data["dropped"], entries),
-        _spanning(data["spanning"], curves, points),
-        read_dyadic("kappa", data["kappa"]),
-        read_dyadic("p", data["p"]),
-        tuple(_strip(f"strips[{i}]", value, n) for i, value in _listed("strips", data)),
-        read_dyadic("level", data["level"]),
-        read_dyadic("input_bound", data["input_bound"]),
-        _outputs(data["outputs"], form),
-        _proof(data["proof"], arrays or {}),
-        _algebraic(data[ALGEBRAIC], curves, points, model, v) if equations else None,
+        claim=claim,
+        sha256=sha256,
+        form=form,
+        model=model,
+        ball=ball,
+        curves=curves,
+        points=points,
+        facts=_facts(data["facts"], curves, points),
+        diagonal=diagonal,
+        P=P,
+        inside=inside,
+        gamma=read_gamma(data["gamma"], v),
+        deviations=tuple(
+            _deviation(f"deviations[{j}]", value, n, entries + v) for j, value in _listed("deviations", data)
+        ),
+        dropped=read_dropped(data["dropped"], entries),
+        spanning=_spanning(data["spanning"], curves, points),
+        kappa=read_dyadic("kappa", data["kappa"]),
+        p=read_dyadic("p", data["p"]),
+        strips=tuple(_strip(f"strips[{i}]", value, n) for i, value in _listed("strips", data)),
+        level=read_dyadic("level", data["level"]),
+        input_bound=read_dyadic("input_bound", data["input_bound"]),
+        outputs=_outputs(data["outputs"], form),
+        proof=_proof(data["proof"], arrays or {}),
+        algebraic=_algebraic(data[ALGEBRAIC], curves, points, model, v) if equations else None,
     )
 
 
-def _listed(name: str, data: Mapping[str, object]) -> list[tuple[int, Any]]:
+def _listed(name: str, data: Mapping[str, object]) -> list[tuple[int, object]]:
     return list(enumerate(read_list(name, data[name])))
 
 
@@ -140,7 +142,7 @@ def _inside(stored: object, count: int) -> tuple[object, tuple[int, ...]]:
     return read_object("P", {name: rows for name, rows in stored.items() if name != "channels"}, ("lower",)), inside
 
 
-def _short(where: str, value: object, longest: int) -> list[Any]:
+def _short(where: str, value: object, longest: int) -> list[object]:
     found = read_list(where, value)
     if len(found) > longest:
         raise FormatError(where, f"at most {longest} are read")
@@ -288,13 +290,13 @@ def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> t
     return tuple(found)
 
 
-def _fact(where: str, kind: str, entry: list[Any], curves: Sequence[Curve], points: Sequence[Point]) -> Fact:
+def _fact(where: str, kind: str, entry: list[object], curves: Sequence[Curve], points: Sequence[Point]) -> Fact:
     *places, tau = entry
     p = q = read_index(where, places[0], len(points))
     sign = 0
     if kind == "constant":
         k = l = read_index(where, places[1], len(curves[points[p].curve].products))  # noqa: E741
-        return Fact(kind, p, q, sign, k, l, read_nonnegative(where, tau))
+        return Fact(kind=kind, p=p, q=q, sign=sign, k=k, l=l, tau=read_nonnegative(where, tau))
     if kind == "one_signed":
         q, places = read_index(where, places[2], len(points)), [places[0], places[1], places[3]]
     if kind == "difference":
@@ -304,7 +306,7 @@ def _fact(where: str, kind: str, entry: list[Any], curves: Sequence[Curve], poin
         places = [places[0], *places[3:]]
     k = read_index(where, places[1], len(curves[points[p].curve].forms))
     l = read_index(where, places[2], len(curves[points[q].curve].forms))  # noqa: E741
-    return Fact(kind, p, q, sign, k, l, read_nonnegative(where, tau))
+    return Fact(kind=kind, p=p, q=q, sign=sign, k=k, l=l, tau=read_nonnegative(where, tau))
 
 
 def _algebraic(

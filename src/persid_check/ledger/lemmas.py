@@ -15,7 +15,7 @@ from typing import TypeVar
 from flint import fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
-from persid_check.expansion import CONSTANT, Expansion, Horizon
+from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
 from persid_check.expression import Program
 from persid_check.work import spend
 
@@ -24,7 +24,6 @@ Form = tuple[Fraction, ...]
 Cuts = tuple[Fraction, ...]
 E = TypeVar("E", bound=Element)
 
-EXPANSION = 32  # steps that an instruction on an expansion counts for
 SLOPES = ("nondecreasing", "rising")  # kinds whose quantity is g' itself: the centre plays no part
 STRICT = ("growing", "rising")  # kinds with q > 0, and |g| -> infinity at both ends
 SUMMED = ("offset", "upper")  # kinds whose quantity is added up: it may fall below 0 where it rose before

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 from persid_check.definite import Root
 from persid_check.expression import Program
@@ -184,7 +183,7 @@ class Ledger:
 
     claim: str
     sha256: str
-    form: Mapping[str, Any]
+    form: Mapping[str, object]
     model: Model
     ball: Ball | None
     curves: tuple[Curve, ...]

@@ -242,7 +242,7 @@ def _refuse_unpaid(data: Mapping[str, object], arrays: companion.Arrays, n: int)
         raise FormatError(where, f"{n} numbers are needed, here or as {name!r} in the companion")
 
 
-def _entry(value: object) -> Mapping[str, Any]:
+def _entry(value: object) -> Mapping[str, object]:
     return read_object("companion", value, ("npz", "sha256"))
 
 

@@ -73,7 +73,9 @@ def table_of(nodes: Nodes) -> Table:
         if k in nodes.columns[k]:
             diagonal[: len(nodes.columns[k][k]), k] = _floats(nodes.columns[k][k])
     row, node = (np.array([pair[end] for pair in pairs], np.int64) for end in (0, 1))
-    return Table(nodes.n, nodes.kinds, np.array(nodes.kind), row, node, values, diagonal)
+    return Table(
+        n=nodes.n, kinds=nodes.kinds, kind=np.array(nodes.kind), row=row, node=node, values=values, diagonal=diagonal
+    )
 
 
 def _floats(values: Sequence[Fraction]) -> list[float]:
@@ -208,7 +210,7 @@ def _table(n: int, width: int, kinds: tuple[Functions, ...], kind: "ndarray", ma
     for key, (s, numbers) in zip(keys, found, strict=True):
         values[s, np.searchsorted(places, key)] = numbers
     node = places // n
-    return Table(n, kinds, kind, places - node * n, node, values, diagonal)
+    return Table(n=n, kinds=kinds, kind=kind, row=places - node * n, node=node, values=values, diagonal=diagonal)
 
 
 def doubtful(table: Table, rays: Sequence[Sequence[Sequence[int]]], w: "ndarray", kappa: Fraction) -> "ndarray":

@@ -117,12 +117,12 @@ def read_refutation(data: Mapping[str, Any]) -> Refutation:
     vector = next(name for name in ("direction", "start", "points") if name in witness)
     number = next((witness[name] for name in ("sigma", "offset") if name in witness), [0, 0])
     return Refutation(
-        subject,
-        u,
-        kind,
-        points,
-        () if vector == "points" else read_dyadics(f"witness.{vector}", witness[vector], model.n),
-        read_lower("witness.S", witness["S"], model.n) if "S" in witness else (),
-        read_dyadic("witness.sigma or offset", number),
-        read_factor("witness.T", witness["T"]) if "T" in witness else (),
+        subject=subject,
+        u=u,
+        kind=kind,
+        points=points,
+        vector=() if vector == "points" else read_dyadics(f"witness.{vector}", witness[vector], model.n),
+        S=read_lower("witness.S", witness["S"], model.n) if "S" in witness else (),
+        number=read_dyadic("witness.sigma or offset", number),
+        factor=read_factor("witness.T", witness["T"]) if "T" in witness else (),
     )

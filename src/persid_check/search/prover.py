@@ -15,11 +15,10 @@ from typing import ParamSpec
 from flint import ctx, fmpq
 
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
-from persid_check.expansion import CONSTANT, Expansion, Horizon
+from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
 from persid_check.expression import Program, work_of
 from persid_check.search.side import (
     BUDGET,
-    EXPANSION,
     FINEST,
     GERMS,
     MONOTONE,

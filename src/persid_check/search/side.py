@@ -10,7 +10,7 @@ from typing import TypeVar
 from flint import arb, fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
-from persid_check.expansion import CONSTANT, Expansion, Horizon
+from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
 from persid_check.expression import Program, kinks, work_of
 from persid_check.search.series import LOCAL, Series, least, somewhere, variable
 from persid_check.work import spend
@@ -21,7 +21,6 @@ Domain = tuple[Fraction, Fraction] | None
 Shift = tuple[Fraction, Fraction] | None
 E = TypeVar("E", bound=Element)
 
-EXPANSION = 32  # steps on intervals that a step on an expansion counts for
 BUDGET = 3000  # evaluations on intervals for one side of one property
 FINEST = Fraction(1, 2**40)  # no interval is bisected below this part of the first one
 GERMS = tuple(Fraction(2) ** k for k in (3, 1, -1, -3, -6, -12, -24))

@@ -79,13 +79,13 @@ def _outputs(value: object, subject: Subject) -> Outputs:
         raise FormatError("outputs.lipschitz", "null without output_map, else one number an output is needed")
     lipschitz = (Fraction(1),) * count if maps is None else read_dyadics("outputs.lipschitz", block["lipschitz"], count)
     return Outputs(
-        stated,
-        tuple(block["outputs"]),
-        rows_of(block["C"]),
-        rows_of(block["D"]),
-        None if maps is None else tuple(parse(text) for text in maps),
-        read_dyadics("outputs.constants", block["constants"], count),
-        lipschitz,
+        sha256=stated,
+        names=tuple(block["outputs"]),
+        C=rows_of(block["C"]),
+        D=rows_of(block["D"]),
+        maps=None if maps is None else tuple(parse(text) for text in maps),
+        constants=read_dyadics("outputs.constants", block["constants"], count),
+        lipschitz=lipschitz,
     )
 
 

@@ -85,19 +85,19 @@ def read_certificate(data: Mapping[str, Any]) -> Stability:
     point = data["operating_point"]
     diagonal, P = read_P(data["P"], model.n)
     return Stability(
-        subject,
-        None if point is None else read_ball("operating_point", point, model),
-        P,
-        diagonal,
-        _group_proofs(data["groups"], subject, _group_fields(claim)),
-        read_dropped(data["dropped"], size),
-        read_gamma(data["gamma"], model.m + (point is None and any(model.b))),
-        read_dyadic("kappa", data["kappa"]) if rated else Fraction(0),
-        read_dyadic("p", data["p"]) if rated else Fraction(0),
-        _box(data["box"], model.n) if regional else (),
-        read_dyadic("level", data["level"]) if regional else Fraction(0),
-        read_dyadic("input_bound", data["input_bound"]) if regional else Fraction(0),
-        _proof(data["proof"]),
+        subject=subject,
+        point=None if point is None else read_ball("operating_point", point, model),
+        P=P,
+        diagonal=diagonal,
+        groups=_group_proofs(data["groups"], subject, _group_fields(claim)),
+        dropped=read_dropped(data["dropped"], size),
+        gamma=read_gamma(data["gamma"], model.m + (point is None and any(model.b))),
+        kappa=read_dyadic("kappa", data["kappa"]) if rated else Fraction(0),
+        p=read_dyadic("p", data["p"]) if rated else Fraction(0),
+        box=_box(data["box"], model.n) if regional else (),
+        level=read_dyadic("level", data["level"]) if regional else Fraction(0),
+        input_bound=read_dyadic("input_bound", data["input_bound"]) if regional else Fraction(0),
+        proof=_proof(data["proof"]),
     )
 
 
@@ -154,5 +154,5 @@ def _products(where: str, value: object, size: int) -> tuple[tuple[int, int, Fra
 
 
 def _constants(where: str, value: object, size: int) -> tuple[Fraction | None, ...]:
-    read: Callable[[int, Any], Fraction | None] = lambda i, v: None if v is None else read_dyadic(f"{where}[{i}]", v)  # noqa: E731
+    read: Callable[[int, object], Fraction | None] = lambda i, v: None if v is None else read_dyadic(f"{where}[{i}]", v)  # noqa: E731
     return tuple(read(i, entry) for i, entry in enumerate(read_list(where, value, size)))

@@ -39,7 +39,7 @@ def assemble(claim: Stability) -> Inequality:
     W = embedded(P, model)
     if claim.subject.claim in ("E", "R"):
         W = W + quadratic_form(model, groups, [_upper(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
-    return Inequality(P, G, E, S, EG + EG.T + S, W, input_columns(claim))
+    return Inequality(P=P, G=G, E=E, S=S, Q=EG + EG.T + S, W=W, inputs=input_columns(claim))
 
 
 def lyapunov_matrix(claim: Stability) -> Matrix:

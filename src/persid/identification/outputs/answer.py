@@ -76,7 +76,14 @@ def answered(
     said = remarks_on(fit, winner.candidate.held_out, max(len(u) for u, _ in records), names)
     unstable = bool(found.remarks)
     return Answer(
-        fit, winner.candidate, found.table, found.linear, error, (*found.remarks, *said), interrupted, unstable
+        fit=fit,
+        candidate=winner.candidate,
+        candidates=found.table,
+        linear=found.linear,
+        error=error,
+        remarks=(*found.remarks, *said),
+        interrupted=interrupted,
+        unstable=unstable,
     )
 
 

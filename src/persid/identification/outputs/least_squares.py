@@ -211,7 +211,18 @@ def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
             flow = np.nan_to_num(normal(latent, task.pieces, start, task.substeps).flow)
     cost, error, held, start = evaluated(task, batch, task.ridge, run.start, flow, 30)
     zero = np.zeros(K, int)
-    return Fit(batch, start, flow, cost, error, held, np.full(K, damping), zero, zero.copy(), ~np.isfinite(cost))
+    return Fit(
+        batch=batch,
+        start=start,
+        flow=flow,
+        cost=cost,
+        error=error,
+        held_out=held,
+        damping=np.full(K, damping),
+        small=zero,
+        failed=zero.copy(),
+        ended=~np.isfinite(cost),
+    )
 
 
 class _Arrow(NamedTuple):

@@ -83,7 +83,15 @@ def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt:
     rows = np.hstack([fit.C, fit.D * scales.u_scale, (fit.d + fit.D @ moved - scales.y_mean)[:, None]])
     outputs = rows / scales.y_scale[:, None]
     b, V = (fit.b + fit.B @ moved) * dt, np.hstack([fit.R, fit.beta[:, None]])
-    return Latent(W[None], b[None], V[None], outputs[None], np.array(x0)[None], fit.activation, fit.output_map)
+    return Latent(
+        W=W[None],
+        b=b[None],
+        V=V[None],
+        O=outputs[None],
+        x0=np.array(x0)[None],
+        activation=fit.activation,
+        output_map=fit.output_map,
+    )
 
 
 def _point(fit: StableFit, latent: Latent, dt: float, question: Question) -> tuple[Free | Stable, Batch]:

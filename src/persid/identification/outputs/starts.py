@@ -21,7 +21,15 @@ def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
     n = len(linear.A)
     W = np.hstack([linear.A, linear.B])[None]
     O = np.hstack([linear.C, linear.D, linear.d[:, None]])[None]  # noqa: E741
-    return Latent(W, np.zeros((1, n)), np.zeros((1, 0, n + 1)), O, linear.x0[None], "tanh", output_map)
+    return Latent(
+        W=W,
+        b=np.zeros((1, n)),
+        V=np.zeros((1, 0, n + 1)),
+        O=O,
+        x0=linear.x0[None],
+        activation="tanh",
+        output_map=output_map,
+    )
 
 
 def stacked(latents: list[Latent]) -> Latent:
@@ -55,7 +63,18 @@ def with_neurons(
         V = np.hstack([R, rng.uniform(-SHIFTS, SHIFTS, (q, 1))])[None]
         A1 = effect * rng.normal(size=(1, n, q))
         W = np.concatenate([latent.A, A1, latent.B], 2)
-        found.append(Latent(W, latent.b, V, latent.O, latent.x0, activation, latent.output_map, hardening))
+        found.append(
+            Latent(
+                W=W,
+                b=latent.b,
+                V=V,
+                O=latent.O,
+                x0=latent.x0,
+                activation=activation,
+                output_map=latent.output_map,
+                hardening=hardening,
+            )
+        )
     return stacked(found)
 
 

@@ -179,7 +179,13 @@ def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequ
     error = np.sqrt(max(total - 2 * theta @ right + theta @ gram @ theta, 0.0) / count)
     B, D, d, x0 = np.split(theta, np.cumsum([n * m, m * l * through, l]))
     return Linear(
-        A, B.reshape(n, m), C, D.reshape(m, l).T if through else np.zeros((l, m)), d, x0.reshape(len(records), n), error
+        A=A,
+        B=B.reshape(n, m),
+        C=C,
+        D=D.reshape(m, l).T if through else np.zeros((l, m)),
+        d=d,
+        x0=x0.reshape(len(records), n),
+        error=error,
     )
 
 

@@ -6,8 +6,9 @@ A format is one file here: what reads it into a `Table`, and the bytes it begins
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
+from persid.measurements.options import ReadingOf
 from persid.measurements.readers.sources import Source, beginning, files_of, unpacked
 from persid.measurements.runs import runs_of_tables
 from persid.measurements.tables import Columns, Table
@@ -67,11 +68,21 @@ def read_measurements(
         >>> data[0].t.tolist(), data[0].x[:, 0].tolist()
         ([0.0, 0.02], [1.5, 1.25])
     """
-    columns = Columns(tuple(states), tuple(inputs), time, dt, gap, missing, tuple(na), run, delay=dict(delay or {}))
+    columns = Columns(
+        states=tuple(states),
+        inputs=tuple(inputs),
+        time=time,
+        dt=dt,
+        gap=gap,
+        missing=missing,
+        na=tuple(na),
+        run=run,
+        delay=dict(delay or {}),
+    )
     return Trajectories.of(runs_of_tables((table_of(source, columns) for source in files_of(paths)), columns))
 
 
-def read_csv(paths: object, **options: Any) -> Trajectories:
+def read_csv(paths: object, **options: Unpack[ReadingOf]) -> Trajectories:
     """Read text files in any dialect: `read_measurements` under its best-known name.
 
     Raises:
@@ -85,7 +96,7 @@ def read_csv(paths: object, **options: Any) -> Trajectories:
     return read_measurements(paths, **options)
 
 
-def read_parquet(paths: object, **options: Any) -> Trajectories:
+def read_parquet(paths: object, **options: Unpack[ReadingOf]) -> Trajectories:
     """Read Parquet files (needs pyarrow): `read_measurements`, rows counted from 1 without a header.
 
     Raises:

@@ -74,7 +74,17 @@ def find_dialect(name: str, head: bytes, whole: bool, columns: Columns) -> Diale
     notes += [f"{len(above)} line(s) above the table"] if above else []
     named = dict(zip(names, (unit.strip(" []()") for unit in units or ()), strict=False))
     single = comment if comment is not None and len(comment) == 1 else None
-    return Dialect(encoding, delimiter, decimal, single, tuple(names), named, header is not None, first, tuple(notes))
+    return Dialect(
+        encoding=encoding,
+        delimiter=delimiter,
+        decimal=decimal,
+        comment=single,
+        names=tuple(names),
+        units=named,
+        headed=header is not None,
+        skip=first,
+        notes=tuple(notes),
+    )
 
 
 def _is_comment(line: str, comment: str | None) -> bool:

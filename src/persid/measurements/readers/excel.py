@@ -30,7 +30,15 @@ def excel_table(source: Source, columns: Columns) -> Table:
             table = text_table(Content(str(source), text.getvalue().encode("utf-8")), columns)
             note = f"the sheet {sheet.title!r} of {len(book.worksheets)} was read"
             notes = table.notes if len(book.worksheets) == 1 else (note, *table.notes)
-            return Table(table.name, table.frame, table.label, table.names, table.units, notes, table.headed)
+            return Table(
+                name=table.name,
+                frame=table.frame,
+                label=table.label,
+                names=table.names,
+                units=table.units,
+                notes=notes,
+                headed=table.headed,
+            )
     raise DataError(f"{source}: no sheet holds two rows")
 
 

@@ -1,7 +1,6 @@
 """MATLAB files: versions 5 to 7 by SciPy, 7.3 by mat73. Vectors of one length are columns, a matrix is several."""
 
 from collections import Counter
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,7 +25,7 @@ def matlab_table(source: Source, columns: Columns) -> Table:
         raise DataError(f"{source}: it holds no arrays of numbers; its variables are {', '.join(arrays) or 'none'}")
     wanted = [max(v.shape) for name, v in found.items() if name in columns.asked and v.size > 1]
     rows = wanted[0] if wanted else lengths.most_common(1)[0][0]
-    parts: dict[str, Any] = {}
+    parts: dict[str, object] = {}
     for name, value in found.items():
         if value.size == 1:
             parts[name] = np.concatenate([np.ravel(value).astype(float), np.full(rows - 1, np.nan)])
@@ -38,7 +37,7 @@ def matlab_table(source: Source, columns: Columns) -> Table:
     return Table(str(source), pd.DataFrame(parts), lambda k: f"sample {k + 1}")
 
 
-def _variables(source: Source) -> dict[str, Any]:
+def _variables(source: Source) -> dict[str, object]:
     from scipy.io import loadmat
 
     try:

@@ -36,7 +36,15 @@ def text_table(source: Source, columns: Columns) -> Table:
     label = _labels(plain, dialect, encoding)
     said = [packed] * bool(packed) + notes
     summary = ("found and undone: " + ", ".join(said),) if said else ()
-    return Table(str(source), frame, label, names, dialect.units, summary, dialect.headed)
+    return Table(
+        name=str(source),
+        frame=frame,
+        label=label,
+        names=names,
+        units=dialect.units,
+        notes=summary,
+        headed=dialect.headed,
+    )
 
 
 def _frame(name: str, plain: Source, dialect: Dialect) -> tuple[pd.DataFrame, str]:
@@ -94,7 +102,7 @@ def _all_commas(texts: pd.Series) -> bool:
 def _numbers(texts: pd.Series, decimal: str) -> pd.Series:
     """Return texts as numbers where they are some."""
 
-    def number(cell: object) -> Any:
+    def number(cell: object) -> object:
         try:
             return float(cell.replace(decimal, ".")) if isinstance(cell, str) else cell
         except ValueError:

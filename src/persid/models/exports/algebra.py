@@ -14,7 +14,9 @@ from persid.models.output_equation import OutputEquation
 from persid.models.vector_field import VectorField
 from persid_check.expression import Program
 
-Function = Callable[..., Any]
+Value = Any  # an expression, a matrix or an equation of SymPy, CasADi or python-control, which have no types
+Function = Callable[..., Value]
+MakeMatrix = Callable[[Value], Value]  # a library's matrix of an array, or of a list of rows
 
 _ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 
@@ -23,14 +25,14 @@ _ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": ope
 class Algebra:
     """What the words of the grammar mean for values of another library."""
 
-    number: Callable[[Fraction], Any]
-    power: Callable[[Any, Fraction], Any]
-    binary: Mapping[str, Callable[[Any, Any], Any]]
-    unary: Mapping[str, Callable[[Any], Any]]
+    number: Callable[[Fraction], Value]
+    power: Callable[[Value, Fraction], Value]
+    binary: Mapping[str, Callable[[Value, Value], Value]]
+    unary: Mapping[str, Callable[[Value], Value]]
 
-    def value(self, program: Program, x: object) -> Any:
+    def value(self, program: Program, x: object) -> Value:
         """Return the value of an expression at x."""
-        stack: list[Any] = []
+        stack: list[Value] = []
         for step in program:
             if step.name == "x":
                 stack.append(x)
@@ -46,7 +48,7 @@ class Algebra:
         return stack.pop()
 
 
-def right_side(field: VectorField, x: object, u: object, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
+def right_side(field: VectorField, x: object, u: object, algebra: Algebra, matrix: MakeMatrix) -> Value:
     """Return A0 (x - x_ref) + sum_c a_c f_c(r_c'(x - x_ref)) + B (u - u_ref) + b as a column of another library.
 
     Paper: eq:main_system_Per. `matrix` makes a library's matrix of an array (or list of rows); x and u are columns.
@@ -62,7 +64,7 @@ def right_side(field: VectorField, x: object, u: object, algebra: Algebra, matri
     return dot + matrix(field.B) @ (u - matrix(field.u_ref[:, None])) if field.m else dot
 
 
-def output_side(seen: OutputEquation, x: object, u: object, algebra: Algebra, matrix: Callable[[Any], Any]) -> Any:
+def output_side(seen: OutputEquation, x: object, u: object, algebra: Algebra, matrix: MakeMatrix) -> Value:
     """Return h(C (x - x_ref) + D (u - u_ref) + d) as a column of another library; see `right_side`."""
     field = seen.field
     y = matrix(seen.C) @ (x - matrix(field.x_ref[:, None])) + matrix(seen.d[:, None])
@@ -76,7 +78,7 @@ def sympy_algebra(exact: bool) -> Algebra:
     """Return the algebra of SymPy expressions; a number is a Rational, or a Float of the same 53 bits."""
     sympy = library("sympy", "interop")
 
-    def number(value: Fraction) -> Any:
+    def number(value: Fraction) -> Value:
         if exact or value.denominator == 1:
             return sympy.Rational(value.numerator, value.denominator)
         return sympy.Float(float(value))
@@ -111,7 +113,7 @@ def casadi_algebra() -> Algebra:
     )
 
 
-def _clipped(absolute: Function, maximum: Function, minimum: Function) -> dict[str, Callable[[Any], Any]]:
+def _clipped(absolute: Function, maximum: Function, minimum: Function) -> dict[str, Callable[[Value], Value]]:
     """Return the piecewise functions, which libraries do not have, by what they have."""
     return {
         "softsign": lambda y: y / (1 + absolute(y)),

@@ -7,20 +7,19 @@ names the extra: `pip install "persid[interop]"`.
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
 from persid._libraries import library
-from persid.models.exports.algebra import casadi_algebra, output_side, right_side, sympy_algebra
+from persid.models.exports.algebra import Value, casadi_algebra, output_side, right_side, sympy_algebra
 from persid.models.exports.compiled import compiled
 from persid.models.formulas import lines
 from persid.models.output_equation import OutputEquation
 from persid.models.vector_field import VectorField
 
 
-def to_control(field: VectorField, name: str | None = None, seen: OutputEquation | None = None) -> Any:
+def to_control(field: VectorField, name: str | None = None, seen: OutputEquation | None = None) -> Value:
     """Return a `control.NonlinearIOSystem`; its outputs are the states, or those of an output model."""
     control = library("control", "interop")
     rate = prepared(field)
@@ -35,17 +34,17 @@ def to_control(field: VectorField, name: str | None = None, seen: OutputEquation
     )
 
 
-def to_sympy(field: VectorField, exact: bool = False) -> Any:
+def to_sympy(field: VectorField, exact: bool = False) -> Value:
     """Return x' as a SymPy Matrix (n, 1); see `PersidskiiModel.to_sympy`."""
     return _in_sympy(partial(right_side, field), _symbols(field.states), _symbols(field.inputs), exact)
 
 
-def outputs_to_sympy(seen: OutputEquation, exact: bool = False) -> Any:
+def outputs_to_sympy(seen: OutputEquation, exact: bool = False) -> Value:
     """Return y as a SymPy Matrix (l, 1); see `OutputModel.to_sympy`."""
     return _in_sympy(partial(output_side, seen), _symbols(seen.field.states), _symbols(seen.field.inputs), exact)
 
 
-def to_equations(field: VectorField, seen: OutputEquation | None = None) -> list[Any]:
+def to_equations(field: VectorField, seen: OutputEquation | None = None) -> list[Value]:
     """Return one sympy.Eq a state, and one an output, in functions of t, or of the step k, for the states."""
     sympy = library("sympy", "interop")
     t = sympy.Symbol("t") if field.dt is None else sympy.Symbol("k", integer=True)
@@ -62,20 +61,20 @@ def to_equations(field: VectorField, seen: OutputEquation | None = None) -> list
     return [sympy.Eq(*pair) for pair in found]
 
 
-def _symbols(names: Sequence[str]) -> list[Any]:
+def _symbols(names: Sequence[str]) -> list[Value]:
     sympy = library("sympy", "interop")
     return [sympy.Symbol(name) for name in names]
 
 
-def _in_sympy(side: Callable[..., Any], x: Sequence[object], u: Sequence[object], exact: bool) -> Any:
+def _in_sympy(side: Callable[..., Value], x: Sequence[object], u: Sequence[object], exact: bool) -> Value:
     """Return a side of the equations in symbols for states and inputs."""
     sympy = library("sympy", "interop")
     algebra = sympy_algebra(exact)
 
-    def entry(value: object) -> Any:
+    def entry(value: object) -> Value:
         return algebra.number(Fraction(float(value))) if isinstance(value, float) else value
 
-    def matrix(array: Any) -> Any:
+    def matrix(array: Value) -> Value:
         rows = [[entry(value) for value in row] for row in array]
         return sympy.Matrix(len(rows), len(rows[0]) if rows else 0, [value for row in rows for value in row])
 
@@ -105,23 +104,23 @@ def prepared(field: VectorField) -> Callable[..., ndarray]:
     return rhs
 
 
-def to_casadi(field: VectorField, name: str = "rhs") -> Any:
+def to_casadi(field: VectorField, name: str = "rhs") -> Value:
     """Return the `casadi.Function` (x, u) -> x_dot or x_next; see `PersidskiiModel.to_casadi`."""
     return _in_casadi(field, name, {"x_dot" if field.dt is None else "x_next": partial(right_side, field)})
 
 
-def outputs_to_casadi(seen: OutputEquation, name: str = "model") -> Any:
+def outputs_to_casadi(seen: OutputEquation, name: str = "model") -> Value:
     """Return the `casadi.Function` (x, u) -> (x_dot, y); see `OutputModel.to_casadi`."""
     sides = {"x_dot": partial(right_side, seen.field), "y": partial(output_side, seen)}
     return _in_casadi(seen.field, name, sides)
 
 
-def _in_casadi(field: VectorField, name: str, sides: Mapping[str, Callable[..., Any]]) -> Any:
+def _in_casadi(field: VectorField, name: str, sides: Mapping[str, Callable[..., Value]]) -> Value:
     """Return the function of sides of the equations."""
     casadi = library("casadi", "interop")
     x, u = casadi.SX.sym("x", field.n), casadi.SX.sym("u", field.m)
 
-    def matrix(rows: Any) -> Any:
+    def matrix(rows: Value) -> Value:
         return casadi.DM(rows) if isinstance(rows, ndarray) else casadi.vertcat(*(row[0] for row in rows))
 
     found = [side(x, u, casadi_algebra(), matrix) for side in sides.values()]
