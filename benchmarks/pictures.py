@@ -16,7 +16,7 @@ from children import PICTURES, RESULTS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-BLUE, RED, GREY = "#1b6ca8", "#b04a3a", "#6b6b6b"
+BLUE, RED, GREY, GREEN = "#1b6ca8", "#b04a3a", "#6b6b6b", "#3c8d5a"
 STYLE = {
     "font.size": 9,
     "svg.hashsalt": "persid",
@@ -157,6 +157,43 @@ def _shades(axes: Axes, tools: list[str], systems: list[str], found: dict[tuple[
     axes.tick_params(length=0)
 
 
+def speed(content: dict[str, Any]) -> Figure:
+    """Draw the time to decide one inequality against n: persid, libraries, what ran out, and the floor of flops."""
+    runs, rate = content["runs"], content["gflops"] * 1e9
+    figure, axes = plt.subplots(1, 2, figsize=(10, 3.8), sharey=True)
+    colours = dict(zip(dict.fromkeys(run["solver"] for run in runs), (BLUE, RED, GREY, GREEN, "#7a5195"), strict=False))
+    for place, (kind, title) in zip(axes, SPEED.items(), strict=True):
+        for solver, colour in colours.items():
+            part = [run for run in runs if (run["kind"], run["solver"]) == (kind, solver)]
+            ended = [run for run in part if "seconds" in run]
+            at = [run["n"] for run in ended]
+            place.loglog(at, [run["seconds"] for run in ended], "o-", color=colour, label=solver, markersize=4)
+            out = [run["n"] for run in part if "seconds" not in run]
+            place.loglog(out, [content["seconds"]] * len(out), "x", color=colour)
+        own = [run for run in runs if (run["kind"], run["solver"]) == (kind, "persid") and "seconds" in run]
+        floor = [
+            run["iterations"] / run["rounds"] * (run["unknowns"] ** 3 + 2 * (4 * run["n"]) ** 3) / 3 / rate
+            for run in own
+        ]
+        label = f"floor: factorisations of one round of persid at {content['gflops']:.0f} Gflop/s"
+        place.loglog([run["n"] for run in own], floor, "--", color="black", linewidth=1, label=label)
+        place.set(title=title, xlabel="states n", ylim=(1e-5, 400))
+    axes[0].set_ylabel("processor time, s (one thread)")
+    handles, names = axes[0].get_legend_handles_labels()
+    empty = plt.Line2D([], [], linestyle="none", label="GPU: to be measured (speed.py --device cuda)")
+    crosses = plt.Line2D([], [], linestyle="none", marker="x", color="black", label="out of time or memory")
+    figure.legend(
+        [*handles, crosses, empty],
+        [*names, crosses.get_label(), empty.get_label()],
+        loc="outside lower center",
+        ncols=3,
+    )
+    return figure
+
+
+SPEED = {"paper": "the paper's multipliers", "forms": "with forms of the functions"}
+
+
 def public(content: dict[str, Any]) -> Figure:
     """Draw the errors of every seed on every public test, on one line, with the published ones."""
     tests = [(row["benchmark"], test) for row in content["published"] for test in row["errors"]]
@@ -189,6 +226,7 @@ def public(content: dict[str, Any]) -> Figure:
 DRAWN: dict[str, Callable[[dict[str, Any]], Figure]] = {
     "growth": growth,
     "public": public,
+    "speed": speed,
     "peers_identification": peers_identification,
     "admits_failure": admits_failure,
     "peers_accuracy": peers_accuracy,
