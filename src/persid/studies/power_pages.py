@@ -15,6 +15,7 @@ from persid.studies.phasors import FRAMES, NOMINAL, SHOWN
 from persid.studies.tables import Table
 
 Cells = Mapping[str, Any]
+DRAWN = 20  # s of a free run
 KINDS = {"steps": "new load steps", "rings": "after new short circuits"}
 SIMULATED = "simulated"
 
@@ -166,7 +167,7 @@ def _ways(name: str, step: Json) -> Drawing:
 def _free_run(fit: Json) -> Figure:
     figure = Figure(figsize=(8, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    true, run = np.array(fit["steps"]["true"]), np.array(fit["steps"]["run"])
+    true, run = (np.array(fit["steps"][name])[: DRAWN * FRAMES // 2] for name in ("true", "run"))
     for ax, k, label in zip(axes, (0, 3), ("d21 in degrees", "f1 in Hz from 60"), strict=True):
         for curve, color, style, name in ((true, plots.MEASURED, "-", "grid"), (run, plots.MODEL, "--", "model")):
             ax.plot(2 * np.arange(len(curve)) / FRAMES, curve[:, k], color=color, ls=style, lw=1.2, label=name)
