@@ -15,6 +15,7 @@ BITS = 21  # of a digit
 HALF = 1 << (BITS - 1)
 LENGTH = 1 << 12  # of a sum of products of digits
 MAX_SIZE = 2**28  # digits of one matrix: 1 GiB
+ONE_BY_ONE = 40  # times as long as in a product of BLAS takes a multiplication that is not in one
 BLOCK = 2**22  # entries that are worked on at a time
 
 Array = np.ndarray
@@ -200,12 +201,14 @@ class Digits:
         return total
 
     def cost(self, other: "Digits") -> int:
-        """Return the number of multiplications that a product takes."""
-        pairs = len(self.parts) * len(other.parts)
-        return pairs * self._width() * self.shape[0] * other.shape[1]
+        """Return the number of multiplications that a product takes; those made one by one count as many."""
+        pairs, width = len(self.parts) * len(other.parts), self._width()
+        width = width if width == self.shape[1] else ONE_BY_ONE * width
+        return pairs * width * self.shape[0] * other.shape[1]
 
     def __mul__(self, other: "Digits") -> "Digits":
         shape, width = (self.shape[0], other.shape[1]), self._width()
+        _refuse_long(len(self.parts) + len(other.parts), shape)
         if width < self.shape[1]:
             return self._few(other, width)
         return Digits.of_sums(shape, (self._sum(other, k) for k in range(len(self.parts) + len(other.parts) - 1)))
@@ -220,6 +223,7 @@ class Digits:
     def squared(self) -> "Digits":
         """Return X X'."""
         shape = (self.shape[0], self.shape[0])
+        _refuse_long(2 * len(self.parts), shape)
         return Digits.of_sums(shape, (self._square(k) for k in range(2 * len(self.parts) - 1)))
 
     def _square(self, k: int) -> Array:
@@ -236,7 +240,7 @@ class Digits:
     def _width(self) -> int:
         """The longest row's number of entries that are not zero, where that is small; else the width."""
         most = int(self._present().sum(1).max(initial=0))
-        return most if 16 * most < self.shape[1] else self.shape[1]
+        return most if ONE_BY_ONE * most < self.shape[1] else self.shape[1]
 
     def _present(self) -> Array:
         present = np.zeros(self.shape, bool)

@@ -121,6 +121,7 @@ def test_work_and_memory_of_large_matrices_are_bounded(monkeypatch: pytest.Monke
     size = 300
     M = exact.matrix([[1.0 + 2.0**-40 * i * j for j in range(size)] for i in range(size)], size)
     assert M.digits.cost(M.digits) == size**3 * len(M.digits.parts) ** 2
+    few = exact.diagonal([1.0 + 2.0**-50] * size).digits
     monkeypatch.setattr(exact, "MAX_DIGIT_WORK", size**3)
     with pytest.raises(NotProvedError, match="too large"):
         M * M
@@ -129,6 +130,11 @@ def test_work_and_memory_of_large_matrices_are_bounded(monkeypatch: pytest.Monke
     monkeypatch.setattr(digits, "MAX_SIZE", size**2)
     with pytest.raises(ArithmeticError, match="too long"):
         M.digits.raised(100)
+    assert few.cost(few) == digits.ONE_BY_ONE * size**2 * len(few.parts) ** 2
+    monkeypatch.setattr(digits, "MAX_SIZE", 2 * len(few.parts) * size**2 - 1)
+    for product in (lambda: few * few, few.squared):
+        with pytest.raises(ArithmeticError, match="too long"):
+            product()
     with pytest.raises(NotProvedError, match="spread"):
         M.raised(10**6)
 
