@@ -71,11 +71,8 @@ FORGED: dict[str, tuple[type, tuple[Any, ...], Any]] = {
     "no_factor": (Rejected, (*SOLVABLE, "proof"), []),
     "no_equations": (Rejected, ("algebraic", "equations"), [[]]),
     "equations_negated": (Rejected, ("algebraic", "equations"), None),
-    "bounds_of_nothing": (
-        Rejected,
-        ("algebraic", "bounds"),
-        [{"equations": [[]], "value": [], "alpha": ONE, "beta": ONE, "proof": []}],
-    ),
+    "another_field": (Malformed, ("algebraic", "bounds"), []),
+    "region": (Rejected, ("claim",), "region"),
     "practical": (Rejected, ("claim",), "practical"),
     "strip_of_an_algebraic_variable": (Rejected, ("strips",), [[[[1, ONE]], [-1, 0], ONE]]),
     "density_that_reads_it": (Rejected, ("points", 0, "densities"), [[0, ONE]]),
@@ -95,7 +92,7 @@ FORGED: dict[str, tuple[type, tuple[Any, ...], Any]] = {
 }
 
 
-AS_IT_IS = ("no_factor", "bounds_of_nothing")  # new factors would mend these
+AS_IT_IS = ("no_factor",)  # new factors would mend these
 
 
 @pytest.mark.parametrize("name", FORGED)

@@ -226,7 +226,7 @@ def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:
         if label[0] == "solving" and len(label) == 4
     ]
     solvable = {"multipliers": _rows(proposal, "solving", count), "products": products, "proof": []}
-    return {"solvable": solvable, "equations": _rows(proposal, "equation", count), "bounds": []}
+    return {"solvable": solvable, "equations": _rows(proposal, "equation", count)}
 
 
 def _rows(proposal: Proposal, name: str, count: int) -> list[list[list[Any]]]:

@@ -15,8 +15,8 @@ from persid.errors import RoundingError
 from persid_check.exact import Matrix, diagonal, is_large
 from persid_check.expression import parse
 from persid_check.ledger import FORMAT
-from persid_check.ledger.algebraic import bounded_points, form_of_differences, form_of_room
-from persid_check.ledger.assembly import Assembly, assemble
+from persid_check.ledger.algebraic import form_of_differences
+from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.lemmas import Cuts, Lemma
 from persid_check.ledger.lemmas import Product as ProductLemma
@@ -267,21 +267,17 @@ def with_proof(draft: Json) -> Json:
         "M": _proved(matrices.M.kept(kept, kept)),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
-    return draft | {"proof": proof} | _with_algebraic(draft, ledger, matrices)
+    return draft | {"proof": proof} | _with_algebraic(draft, ledger)
 
 
-def _with_algebraic(draft: Json, ledger: Ledger, matrices: Assembly) -> Json:
+def _with_algebraic(draft: Json, ledger: Ledger) -> Json:
     """Return what is said of equations with factors, nothing of a model without them."""
     said = ledger.algebraic
     if said is None:
         return {}
     written = draft["algebraic"]
     solvable = {**written["solvable"], "proof": factor(floats(form_of_differences(ledger, said)))}
-    places = zip(bounded_points(ledger), said.bounds, written["bounds"], strict=False)
-    bounds = [
-        {**entry, "proof": factor(floats(form_of_room(ledger, p, bound, matrices)))} for p, bound, entry in places
-    ]
-    return {"algebraic": {**written, "solvable": solvable, "bounds": bounds}}
+    return {"algebraic": {**written, "solvable": solvable}}
 
 
 def _proved(M: Matrix) -> list[list[int]] | Json:

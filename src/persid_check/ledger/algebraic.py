@@ -1,22 +1,18 @@
-"""Equations of a model with algebraic variables: they have one solution, and a region keeps to its strips.
+"""Equations of a model with algebraic variables: they have exactly one solution.
 
 Section 11 of the specification (docs/ledger.md): what is asked beyond sections 2 to 7.
 """
 
-from fractions import Fraction
-
 from persid_check.definite import proof_of
-from persid_check.exact import Matrix, diagonal, matrix
-from persid_check.ledger.assembly import Assembly, equations, flow_matrix, padded, products_of
-from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger, Reach
+from persid_check.exact import Matrix
+from persid_check.ledger.assembly import equations, flow_matrix, padded, products_of
+from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger
 from persid_check.results import NotProvedError
-from persid_check.work import spend
 
-CLAIMS = ("iss", "rate-and-gain", "region")
-_ZERO = Fraction(0)
+CLAIMS = ("iss", "rate-and-gain")
 
 
-def prove_algebraic(ledger: Ledger, said: Algebraic | None, matrices: Assembly) -> None:
+def prove_algebraic(ledger: Ledger, said: Algebraic | None) -> None:
     """Prove what the file says of equations, beside M > 0.
 
     Raises:
@@ -29,12 +25,6 @@ def prove_algebraic(ledger: Ledger, said: Algebraic | None, matrices: Assembly) 
     if ledger.inside or any(fact.kind == "slope" for fact in ledger.facts):
         raise NotProvedError("P", "with algebraic variables P is over the states, and no fact is about slopes")
     _solvable(ledger, said)
-    facts = [*ledger.facts, *(fact for bound in said.bounds for fact in bound.facts)]
-    for fact in facts:
-        _continues(ledger, fact)
-    if any(i >= ledger.model.order for row, *_ in ledger.strips for i in row):
-        raise NotProvedError("strips", "a strip reads an algebraic variable; only domains of points may")
-    _bounded(ledger, said, matrices)
 
 
 def refuse_densities(ledger: Ledger) -> None:
@@ -83,54 +73,3 @@ def _difference(ledger: Ledger, fact: Fact, own: set[int], where: str) -> None:
         read = {n + c for c, value in zip(point.channels, curve.forms[k].l[1:], strict=True) if value}
         if not read <= own:
             raise NotProvedError(where, "a form reads more than the equations' own variables")
-
-
-def _continues(ledger: Ledger, fact: Fact) -> None:
-    """Where a row reads an algebraic variable, what holds on a domain holds of functions continued beyond it, too."""
-    for p in (fact.p, fact.q):
-        curve = ledger.curves[ledger.points[p].curve]
-        if curve.domain is None or not ledger.reads_algebraic(p):
-            continue
-        if any(form.kind not in RISING for form in (curve.forms[fact.k], curve.forms[fact.l])):
-            raise NotProvedError(f"points[{p}]", "on a domain that reads an algebraic variable forms are nondecreasing")
-
-
-def bounded_points(ledger: Ledger) -> list[int]:
-    """Return the points on a domain whose rows read algebraic variables."""
-    domains = (ledger.curves[point.curve].domain for point in ledger.points)
-    return [p for p, domain in enumerate(domains) if domain is not None and ledger.reads_algebraic(p)]
-
-
-def _bounded(ledger: Ledger, said: Algebraic, matrices: Assembly) -> None:
-    """In the region every row that reads an algebraic variable stays on its domain."""
-    places = bounded_points(ledger)
-    if len(said.bounds) != len(places):
-        raise NotProvedError("algebraic.bounds", f"{len(said.bounds)} are given; needed are {len(places)}")
-    if places and not isinstance(ledger.gamma, Fraction):
-        raise NotProvedError("gamma", "one number is needed where algebraic variables have domains")
-    for i, (p, bound) in enumerate(zip(places, said.bounds, strict=True)):
-        where = f"algebraic.bounds[{i}]"
-        for fact in bound.facts:
-            if not all(ledger.curves[ledger.points[fact.p].curve].is_sector(k) for k in (fact.k, fact.l)):
-                raise NotProvedError(where, "both forms of a fact must be sector forms")
-        if proof_of(form_of_room(ledger, p, bound, matrices), bound.proof) is None:
-            raise NotProvedError(where, "(r'z)^2 <= alpha V + beta |v|^2 is not proved")
-        domain = ledger.curves[ledger.points[p].curve].domain
-        h = min(-domain[0], domain[1]) if domain is not None else _ZERO
-        if bound.alpha * ledger.level + bound.beta * ledger.input_bound**2 > h * h:
-            raise NotProvedError(where, "the row is not proved to stay on its domain")
-
-
-def form_of_room(ledger: Ledger, p: int, bound: Reach, matrices: Assembly) -> Matrix:
-    """Return the form alpha x'Pt x + beta |v|^2 - (r'z)^2 less equations and facts, where its rows are not zero."""
-    flow = flow_matrix(ledger)
-    spend(flow.width**2)
-    line = [ledger.points[p].row.get(j, _ZERO) for j in range(flow.width)]
-    r = matrix([line], flow.width)
-    scaled = diagonal([bound.alpha] * ledger.model.order) * matrices.Pt
-    supply = diagonal([_ZERO] * ledger.entries + [bound.beta] * ledger.inputs)
-    known = equations(ledger, flow, bound.equations) + padded(products_of(ledger, bound.facts), flow.width)
-    form = padded(scaled, flow.width) + supply + -(r.T * r) + -known
-    rows = form.flint.table()
-    kept = [i for i, row in enumerate(rows) if any(value != 0 for value in row)]
-    return form.kept(kept, kept)

@@ -25,7 +25,6 @@ from persid_check.ledger.values import (
     Outputs,
     Point,
     ProductForm,
-    Reach,
     Row,
     Upper,
 )
@@ -312,7 +311,7 @@ def _fact(where: str, kind: str, entry: list[object], curves: Sequence[Curve], p
 def _algebraic(
     value: object, curves: Sequence[Curve], points: Sequence[Point], model: Model, v: int
 ) -> Algebraic:  # fmt: skip
-    value = read_object(ALGEBRAIC, value, ("solvable", "equations", "bounds"))
+    value = read_object(ALGEBRAIC, value, ("solvable", "equations"))
     solvable = read_object("algebraic.solvable", value["solvable"], ("multipliers", "products", "proof"))
     entries = model.n + len(model.channels)
 
@@ -326,23 +325,11 @@ def _algebraic(
             _fact(f"{where}[{i}]", "value", read_list(f"{where}[{i}]", row, 4), curves, points) for i, row in listed
         )
 
-    def reach(where: str, given: object) -> Reach:
-        entry = read_object(where, given, ("equations", "value", "alpha", "beta", "proof"))
-        return Reach(
-            rows(f"{where}.equations", entry["equations"], entries + v),
-            facts(f"{where}.value", entry["value"]),
-            read_nonnegative(f"{where}.alpha", entry["alpha"]),
-            read_nonnegative(f"{where}.beta", entry["beta"]),
-            read_factor(f"{where}.proof", entry["proof"]),
-        )
-
-    bounds = enumerate(read_list("algebraic.bounds", value["bounds"]))
     return Algebraic(
         rows("algebraic.solvable.multipliers", solvable["multipliers"], entries),
         facts("algebraic.solvable.products", solvable["products"]),
         read_factor("algebraic.solvable.proof", solvable["proof"]),
         rows("algebraic.equations", value["equations"], entries + v),
-        tuple(reach(f"algebraic.bounds[{i}]", entry) for i, entry in bounds),
     )
 
 

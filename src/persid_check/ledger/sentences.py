@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.algebraic import bounded_points
 from persid_check.ledger.further import has_feedback, is_moved
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
@@ -52,8 +51,6 @@ def _equations(ledger: Ledger) -> list[str]:
     names = ", ".join(state_names(ledger.model.states)[n : n + SHOWN]) + (
         ", ..." if ledger.model.algebraic > SHOWN else ""
     )
-    if bounded_points(ledger):
-        return [f"For every x and u its equations have at most one solution {names} in the strips below."]
     return [f"For every x and u its equations have exactly one solution {names}, which depends on them continuously."]
 
 
@@ -147,15 +144,9 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     start = _clock(ledger).start
     sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
     sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
-    inside, stays = f"The set of x with {sides or 'no strip'} and V(x) <= {_one(ledger.level)} is invariant", ""
-    if bounded_points(ledger):
-        inside = (
-            f"The set of x with V(x) <= {_one(ledger.level)}, and the strip in those that read x alone, is invariant"
-        )
-        stays = f", of which exactly one solution keeps to the strips {sides}; for this one"
     return [
-        f"{inside} for inputs with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {start} in it"
-        f"{stays} {bound}."
+        f"The set of x with {sides or 'no strip'} and V(x) <= {_one(ledger.level)} is invariant for inputs"
+        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {start} in it {bound}."
     ]
 
 
@@ -312,7 +303,6 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     if ledger.algebraic is not None:
         products = counted(len(ledger.algebraic.products), "product")
         lines.append(f"11. The equations have one solution: a form of differences, {products}, is positive definite.")
-        lines += ["11. Every row that reads an algebraic variable stays on its domain."] * bool(ledger.algebraic.bounds)
     if ledger.dropped:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")

@@ -51,7 +51,7 @@ def prove(ledger: Ledger) -> Proved:
     refuse_densities(ledger)
     matrices = assemble(ledger)
     if ledger.model.algebraic or ledger.algebraic is not None:
-        prove_algebraic(ledger, ledger.algebraic, matrices)
+        prove_algebraic(ledger, ledger.algebraic)
     kept = _rows_kept(ledger, matrices)
     if not proves(ledger.proof["M"], matrices.M.kept(kept, kept)):
         raise NotProvedError("proof.M", "the matrix inequality is not proved")
@@ -372,7 +372,7 @@ def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
 
 
 def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
-    sides = [(row, lo, hi) for row, lo, hi in strips(ledger) if all(i < ledger.model.order for i in row)]
+    sides = strips(ledger)
     for (_, lo, hi), bound in zip(sides, bounding.bounds([row for row, *_ in sides]), strict=True):
         h = min(-lo, hi)
         if h <= 0:
