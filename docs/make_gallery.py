@@ -25,6 +25,7 @@ TITLES = {
     "learned": "Two tanks whose outflow is learned",
     "recurrent_network": "A recurrent network: how strong may its feedback be?",
     "discrete": "A loop that overshoots: discrete time",
+    "descriptor": "A diode circuit: algebraic variables",
     "duffing": "A Duffing oscillator with damping",
     "power_swing": "Three areas of a power grid",
     "network": "A network of 10,000 states",

@@ -39,7 +39,7 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         ...                           [[1.0], [0.0]], algebraic=["w"])
         >>> t = np.linspace(0, 20, 401)
         >>> data = true.simulate([1.0], t, np.sin(t)[:, None])
-        >>> fit = ps.DescriptorIdentifier(["w"], ["x", "tanh(x)"], x_ref=[0, 0], scale=[1, 1], hold="paper").fit(data)
+        >>> fit = ps.DescriptorIdentifier(["w"], ["x", "tanh(x)"], x_ref=[0, 0], scale=[1, 1]).fit(data)
         >>> fit.scores_["w"] < 0.01
         True
     """
