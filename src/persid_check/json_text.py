@@ -3,10 +3,13 @@
 import json
 import math
 import re
+from collections.abc import Mapping
 from typing import Any, NoReturn
 
 from persid_check.results import FormatError
 
+Json = dict[str, Any]  # an object of JSON: what a name holds is known once it has been read
+Stated = Mapping[str, Any]  # the same, as something to read from
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 16
 MAX_LISTS = 4_000_000  # opening brackets, those in texts counted: a list takes far more memory than it has bytes

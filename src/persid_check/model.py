@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 from persid_check.expression import ExpressionError, Program, is_linear, parse
 from persid_check.fields import (
@@ -26,6 +25,7 @@ from persid_check.fields import (
     read_vector,
     refuse_fields,
 )
+from persid_check.json_text import Json, Stated
 from persid_check.results import FormatError
 
 MAX_STATES = 1000
@@ -100,7 +100,7 @@ class Model:
         return len(self.inputs)
 
 
-def canonical_model(data: Mapping[str, object], folder: Path | None = None) -> dict[str, Any]:
+def canonical_model(data: Mapping[str, object], folder: Path | None = None) -> Json:
     """Return the canonical form: all fields present, every number a float.hex() string, no provenance.
 
     A canonical form is returned unchanged. A large model with sparse matrices, whose companions stand in `folder`, has
@@ -172,7 +172,7 @@ def read_model(data: Mapping[str, object], *, discrete: bool = False, algebraic:
     return model_of(canonical_model(data), discrete=discrete, algebraic=algebraic)
 
 
-def model_of(form: Mapping[str, Any], *, discrete: bool = False, algebraic: bool = False) -> Model:
+def model_of(form: Stated, *, discrete: bool = False, algebraic: bool = False) -> Model:
     """Return the model of a canonical form; one in discrete time, or one with algebraic variables, only to callers that
     say they know what to do with it.
 
@@ -244,11 +244,11 @@ def _merge(A0: list[list[Fraction]], channel: Channel) -> None:
             A0[i][j] += Fraction(a) * r
 
 
-def _texts(term: Mapping[str, Any]) -> list[str]:
+def _texts(term: Stated) -> list[str]:
     return [term["f"]] * len(term["A"][0]) if isinstance(term["f"], str) else term["f"]
 
 
-def _rows(term: Mapping[str, Any], n: int) -> list[Row]:
+def _rows(term: Stated, n: int) -> list[Row]:
     if term["R"] is None:
         return [{i: Fraction(1)} for i in range(n)]
     return [{j: Fraction(v) for j, v in enumerate(row) if v} for row in _floats(term["R"])]

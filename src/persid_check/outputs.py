@@ -7,6 +7,7 @@ from typing import Any
 
 from persid_check.expression import ExpressionError, parse
 from persid_check.fields import read_names, read_vector, refuse_fields
+from persid_check.json_text import Json, Stated
 from persid_check.model import canonical_model, sha256_of
 from persid_check.results import FormatError, NotProvedError
 
@@ -16,7 +17,7 @@ UNHASHED = ("hold", "noise", "x_mean", "x_cov", "provenance")  # of a model's fi
 MAX_OUTPUTS = 1000
 
 
-def read_stated(block: Mapping[str, object], model: Mapping[str, Any]) -> str:
+def read_stated(block: Mapping[str, object], model: Stated) -> str:
     """Return the hash that a certificate's block of outputs states: its five fields are in canonical form and have it.
 
     Raises:
@@ -57,7 +58,7 @@ def output_sha256(data: object, folder: Path | None = None) -> str:
     return sha256_of({"format": FORMAT, "dynamics": dynamics, **form})
 
 
-def canonical_outputs(data: Mapping[str, object], n: int, m: int) -> dict[str, Any]:
+def canonical_outputs(data: Mapping[str, object], n: int, m: int) -> Json:
     """Return the outputs of an output model in canonical form: all fields, every number a float.hex() string.
 
     Raises:

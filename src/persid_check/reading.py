@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from persid_check.definite import Root
+from persid_check.json_text import Json
 from persid_check.model import Model, canonical_model, model_of
 from persid_check.results import FormatError
 
@@ -61,7 +62,7 @@ def read_list(where: str, value: object, size: int | None = None) -> list[Any]:
     return value
 
 
-def read_object(where: str, value: object, known: Sequence[str]) -> dict[str, Any]:
+def read_object(where: str, value: object, known: Sequence[str]) -> Json:
     """Return an object of exactly the known fields."""
     if not isinstance(value, dict):
         raise FormatError(where, f"an object with {', '.join(known)} is needed")
@@ -219,7 +220,7 @@ def filled(form: object, arrays: "Arrays") -> object:
     return found
 
 
-def _fill(where: str, part: dict[str, Any], name: str, width: int, left: dict[str, Any]) -> None:
+def _fill(where: str, part: Json, name: str, width: int, left: Json) -> None:
     """Write out the matrix whose array a part names; no other part can name it then."""
     key = part.get(name)
     if not isinstance(key, str):

@@ -4,11 +4,12 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from persid_check.companion import Arrays, load
 from persid_check.expression import ExpressionError, parse
 from persid_check.fields import FIELDS, FORMAT, REQUIRED, read_names, read_vector, refuse_fields
+from persid_check.json_text import Json, Stated
 from persid_check.results import FormatError
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Columns:
     rows: "ndarray"
     values: "ndarray"
 
-    def form(self) -> dict[str, Any]:
+    def form(self) -> Json:
         """Return shape, number of entries and digest."""
         head = f"matrix {self.shape[0]} {self.shape[1]}\n"
         digest = _digest(head, self.starts.astype("<i8"), self.rows.astype("<i8"), self.values)
@@ -64,7 +65,7 @@ class SparseModel:
     b: "ndarray | None"
     domain: "ndarray | None"
 
-    def form(self) -> dict[str, Any]:
+    def form(self) -> Json:
         """Return the network form: every large array by its digest."""
         return {
             "format": FORMAT,
@@ -109,7 +110,7 @@ def gathered(data: Mapping[str, object], folder: Path | None) -> Arrays:
     return arrays
 
 
-def read_sparse(data: Mapping[str, Any], arrays: Arrays) -> SparseModel:
+def read_sparse(data: Stated, arrays: Arrays) -> SparseModel:
     """Return the model of an object whose large arrays stand in `arrays`, strictly validated.
 
     Raises:
@@ -147,7 +148,7 @@ _VECTORS = ("x_ref", "b", "domain")
 _SUFFIXES = (".starts", ".rows", ".values")
 
 
-def _parts(data: Mapping[str, Any]) -> list[tuple[str, object]]:
+def _parts(data: Stated) -> list[tuple[str, object]]:
     terms = data["terms"] if isinstance(data.get("terms"), list) else []
     known = [(i, term) for i, term in enumerate(terms) if isinstance(term, Mapping)]
     inside = [(f"terms.{i}.{name}", term.get(name)) for i, term in known for name in "AR"]
@@ -299,7 +300,7 @@ def _digest(head: str, *arrays: "ndarray") -> str:
     return found.hexdigest()
 
 
-def filled(model: SparseModel) -> dict[str, Any]:
+def filled(model: SparseModel) -> Json:
     """Return a small model as a plain object with its matrices filled in."""
     n, m = model.n, len(model.inputs)
     states = [f"x{i + 1}" for i in range(n)] if model.states is None else list(model.states)

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from persid_check.json_text import Stated
 from persid_check.model import Group, Model, groups_of
 from persid_check.reading import read_model, read_text, require_fields
 from persid_check.results import FormatError
@@ -36,7 +36,7 @@ def read_heading(data: Mapping[str, object], fields: Sequence[str]) -> str:
     return read_text("model_sha256", data["model_sha256"], 64)
 
 
-def read_subject(data: Mapping[str, Any], fields: Sequence[str]) -> Subject:
+def read_subject(data: Stated, fields: Sequence[str]) -> Subject:
     """Return the subject of a file whose model stands in it, every number written out.
 
     Raises:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from sklearn.base import BaseEstimator
 
+from persid._files import Json
 from persid.errors import DataError
 from persid.identification.identifier import FUNCTIONS, PersidskiiIdentifier
 from persid.measurements.trajectories import Trajectories
@@ -50,9 +51,9 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         functions: Any = FUNCTIONS,
         *,
         ridge: float | int = 1e-8,
-        x_ref: Any = "auto",
-        scale: Any = "auto",
-        pattern: Any = None,
+        x_ref: object = "auto",
+        scale: object = "auto",
+        pattern: object = None,
         constant: bool = False,
         hold: str = "zoh",
         holdout: float | int = 0.2,
@@ -77,7 +78,7 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         if missing or not 0 < len(self.algebraic) < len(data.states):
             raise DataError(f"algebraic is {list(self.algebraic)}; needed are some of {list(data.states)}, not all")
         fitted, held = _parted(data, float(self.holdout))
-        usual: dict[str, Any] = {
+        usual: Json = {
             "functions": self.functions,
             "ridge": self.ridge,
             "constant": self.constant,
@@ -86,7 +87,7 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         states = PersidskiiIdentifier(
             **usual, hold=self.hold, pattern=self._pattern(data, own=True), x_ref=self.x_ref, scale=self.scale
         ).fit(fitted)
-        reference: dict[str, Any] = {"x_ref": states.model_.x_ref, "scale": states.basis_.scale}
+        reference: Json = {"x_ref": states.model_.x_ref, "scale": states.basis_.scale}
         values = PersidskiiIdentifier(
             **usual, hold="paper", method="derivative", pattern=self._pattern(data, own=False), **reference
         ).fit(fitted, [run.x for run in fitted])

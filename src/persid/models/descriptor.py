@@ -53,7 +53,7 @@ class DescriptorModel:
     algebraic: tuple[str, ...]
 
     def __init__(
-        self, rows: Any = None, terms: Sequence[Any] = (), B: Any = None, *, algebraic: Sequence[str] | int,
+        self, rows: object = None, terms: Sequence[object] = (), B: object = None, *, algebraic: Sequence[str] | int,
         states: Sequence[str] | None = None, **more: Any,
     ) -> None:  # fmt: skip
         if not isinstance(rows, PersidskiiModel):
@@ -241,7 +241,7 @@ class DescriptorModel:
         return cls.from_dict(plain_model(dict(form)))
 
     @cached_property
-    def canonical(self) -> Mapping[str, Any]:
+    def canonical(self) -> Json:
         """The form that proofs hold and that is hashed: numbers as hexadecimal floats."""
         return persid_check.canonical_model(self.to_dict())
 

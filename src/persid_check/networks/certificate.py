@@ -6,10 +6,11 @@ The specification, with its proof, is in docs/network-format.md.
 from collections.abc import Mapping, Sequence, Sized
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from persid_check import companion
 from persid_check.expression import ExpressionError, parse
+from persid_check.json_text import Stated
 from persid_check.model import Model, holds_objects, sha256_of
 from persid_check.networks import sentences
 from persid_check.networks.claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
@@ -47,7 +48,7 @@ FIELDS = {
 
 
 def read_network(
-    data: Mapping[str, Any], folder: Path | None = None, arrays: bytes | None = None
+    data: Stated, folder: Path | None = None, arrays: bytes | None = None
 ) -> NetworkClaim | NetworkObstruction:
     """Return the value of the JSON object of claim L1 or "L1-infeasible".
 
@@ -219,7 +220,7 @@ def _y(size: int) -> tuple[Fraction, ...]:
     return (Fraction(1), *(Fraction(0),) * (size - 1))
 
 
-def _subject(claim: str, data: Mapping[str, Any], folder: Path | None, content: bytes | None) -> NetworkSubject:
+def _subject(claim: str, data: Stated, folder: Path | None, content: bytes | None) -> NetworkSubject:
     form, entry = data["model"], data["companion"]
     arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
     if holds_objects(form):

@@ -1,12 +1,13 @@
 """What a network file claims: L1 with its weights, or that no weights exist."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from persid_check.companion import Arrays, binary64
+from persid_check.json_text import Stated
 from persid_check.model import Model
 from persid_check.networks.nodes import Functions, Nodes
 from persid_check.networks.table import Table
@@ -33,7 +34,7 @@ class NetworkSubject:
 
     claim: str
     sha256: str
-    form: Mapping[str, Any]
+    form: Stated
     model: Model | SparseModel
     nodes: Nodes | Table
     arrays: Arrays

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
+from persid_check.json_text import Stated
 from persid_check.reading import (
     MAX_FORMS,
     Ball,
@@ -98,7 +98,7 @@ def _forms(where: str, value: object, width: int) -> Forms:
     return tuple(read_dyadics(f"{where}.forms[{k}]", row, width) for k, row in enumerate(rows))
 
 
-def read_refutation(data: Mapping[str, Any]) -> Refutation:
+def read_refutation(data: Stated) -> Refutation:
     """Return the value of a file of claim "refuted".
 
     Raises:

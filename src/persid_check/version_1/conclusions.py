@@ -12,6 +12,7 @@ from flint import arb, arb_mat, ctx, fmpq
 
 from persid_check.exact import Matrix
 from persid_check.expression import Program, parse
+from persid_check.json_text import Json
 from persid_check.outputs import FIELDS, read_stated, rows_of
 from persid_check.reading import read_dyadics, read_object
 from persid_check.results import FormatError, NotProvedError
@@ -51,7 +52,7 @@ class Conclusions:
 NOTHING = Conclusions()
 
 
-def detached(data: Any) -> tuple[Any, dict[str, Any]]:
+def detached(data: Any) -> tuple[Any, Json]:
     """Return a certificate's object without its optional fields, and those."""
     claim = data.get("claim") if isinstance(data, dict) else None
     names = OPTIONAL.get(claim, ()) if isinstance(claim, str) else ()

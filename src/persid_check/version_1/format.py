@@ -6,8 +6,8 @@ The specification is docs/certificate-format.md.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
+from persid_check.json_text import Stated
 from persid_check.reading import (
     MAX_FORMS,
     Ball,
@@ -72,7 +72,7 @@ FIELDS = {"G": _STABILITY, "M": _STABILITY, "E": _RATE, "R": (*_RATE, "box", "le
 WORDS = {"G": "iss", "M": "iss", "E": "rate-and-gain", "R": "region"}  # the claims in words
 
 
-def read_certificate(data: Mapping[str, Any]) -> Stability:
+def read_certificate(data: Stated) -> Stability:
     """Return the value of a certificate's JSON object.
 
     Raises:
