@@ -95,3 +95,11 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, change: dict[str, Any], 
     path.write_text(json.dumps({**loop(0.5).to_dict(), **change}))
     with pytest.raises(ps.ModelError, match=f"(?s)m.json.*{message}"):
         ps.load_model(path)
+
+
+def test_equations_are_written() -> None:
+    """As text, 0 = … for an algebraic variable; other forms are refused."""
+    assert ps.equations(loop(0.5)).splitlines()[1].startswith("0 = ")
+    assert ps.equations(loop(0.5)).splitlines()[0].startswith("d(x1)/dt = ")
+    with pytest.raises(ps.DataError, match="text"):
+        ps.equations(loop(0.5), "latex")
