@@ -91,7 +91,7 @@ def drawn(choose: random.Random) -> ps.PersidskiiModel:
     return ps.PersidskiiModel([[a]], [(text, [[k]], [[c]])], [[1.0]], [b])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_random_models_keep_to_their_balls() -> None:
     """Of random models of one state, every one that is certified keeps to its bound in simulation, pushed or not."""
     choose, certified = random.Random(3), 0
