@@ -134,8 +134,6 @@ def _set(path: tuple[Any, ...], value: Any) -> bytes:
         (("kappa",), [1, 2001], "an exponent of at most 2000"),
         (("curves",), [None] * 3001, "at most 3000 are read"),
         (("curves", 0, "functions", 0, 0), "wobble(x)", "wobble"),
-        (("model", "terms"), [{"f": "tanh(x)", "R": [[(0.0).hex()] * 2] * 2499, "A": [[(0.0).hex()] * 2499] * 2}],
-         "more than 2500 states and channels"),
     ],
 )  # fmt: skip
 def test_entries_beyond_their_limits_are_malformed(path: tuple[Any, ...], value: Any, why: str) -> None:
