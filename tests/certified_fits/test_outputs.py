@@ -300,6 +300,44 @@ def test_measured_outputs_are_states_beside_latent_ones():
         fit.set_params(measured=["angle"]).fit(data)
 
 
+@pytest.mark.parametrize("neurons", [0, 1])
+def test_what_is_known_of_measured_states_is_exactly_in_the_model(neurons):
+    """A position whose rate is the measured velocity is so in the certified model, to the last bit."""
+    plant = ps.PersidskiiModel([[0.0, 1.0], [-2.0, -1.0]], [], [[0.0], [1.0]])
+    data = runs(plant, [[100.0, 0.0], [0.0, 100.0]], 0.1, 200, 1)
+    rate = {("y1", "y1"): 0, ("y1", "y2"): 1.0, ("y1", "u1"): 0.0, ("y1", "f"): 0}
+    fit = OutputIdentifier(order=2, neurons=neurons, seeds=1, measured=["y1", "y2"], fixed=rate, time_limit=0).fit(data)
+    model = fit.model_.dynamics
+    assert model.A0[0].tolist() == [0.0, 1.0]
+    assert model.B[0].tolist() == [0.0]
+    assert all(not term.A[0].any() for term in model.terms)
+    np.testing.assert_allclose(model.A0[1], [-2.0, -1.0], atol=0.05)
+    assert fit.verdict_.is_certified
+    assert "what is known is kept" in fit.report_.remarks[-1]
+
+
+def test_an_input_that_is_known_not_to_act_on_a_measured_state_does_not():
+    """A position that is measured alone has a rate that a latent state makes, without the input."""
+    plant = ps.PersidskiiModel([[0.0, 1.0], [-2.0, -1.0]], [], [[0.0], [1.0]])
+    data = runs(plant, [[100.0, 0.0]], 0.1, 200, 1)
+    fit = OutputIdentifier(order=2, neurons=0, measured=["y1"], fixed={("y1", "u1"): 0.0}, time_limit=0).fit(data)
+    assert fit.model_.dynamics.B[0].tolist() == [0.0]
+    np.testing.assert_allclose(np.linalg.eigvals(fit.model_.dynamics.A0), np.roots([1.0, 1.0, 2.0]), rtol=1e-3)
+    assert fit.verdict_.is_certified
+
+
+def test_what_cannot_be_known_is_refused():
+    """States that are not measured, columns that do not exist and neurons that add something are named."""
+    data = runs(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), [[1.0]], 0.1, 50, 1)
+    for fixed, words in (
+        ({("y2", "u1"): 0.0}, "states are those of measured="),
+        ({("y1", "speed"): 0.0}, "columns y1, u1, f"),
+        ({("y1", "f"): 1.0}, "can only be 0"),
+    ):
+        with pytest.raises(DataError, match=words):
+            OutputIdentifier(order=1, neurons=0, measured=["y1"], fixed=fixed).fit(data)
+
+
 @pytest.mark.long
 def test_a_pendulum_is_foretold_from_its_positions_alone(measurements):
     """Two angles and three references of two experiments foretell the third, certified."""

@@ -121,6 +121,18 @@ def test_run_goes_from_outputs_to_a_certificate(
     assert main(["report", "out", "--quiet"]) == 0
 
 
+def test_a_run_keeps_a_known_coefficient(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A force does not act on a position at once, and the delivered model says so exactly."""
+    monkeypatch.chdir(tmp_path)
+    records(tmp_path)
+    words = ["run", "fit.csv", "--outputs", "y", "--inputs", "u", "--order", "2", "--neurons", "0", "--measured", "y"]
+    assert main([*words, "--fixed", "y,u=0", "-o", "out", "--quiet"]) == 0
+    model = ps.load_model("out/model.json")
+    assert isinstance(model, ps.OutputModel)
+    assert model.dynamics.B[0].tolist() == [0.0]
+    assert model.dynamics.B[1].item() != 0
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -132,6 +144,9 @@ def test_run_goes_from_outputs_to_a_certificate(
         (["--outputs", "still", "--inputs", "u"], "output still is constant"),
         (["--outputs", "y", "--inputs", "u", "--max-output-gain", "1,2"], "--max-output-gain is [1.0, 2.0]"),
         (["--outputs", "y", "--inputs", "u", "--measured", "q"], "--measured names 'q', which is none of the outputs"),
+        (["--outputs", "y", "--inputs", "u", "--measured", "y", "--fixed", "y,q=0"], "--fixed names ('y', 'q')"),
+        (["--outputs", "y", "--inputs", "u", "--measured", "y", "--fixed", "y=0"], "write state,column=number"),
+        (["--states", "y", "--fixed", "y,u=0"], "--fixed goes with --outputs"),
         (["--states", "y", "--max-output-gain", "1"], "--max-output-gain goes with --outputs"),
         (["--outputs", "y", "--inputs", "u", "--order", "9"], "smaller order"),
         (["--outputs", "y", "--inputs", "u", "--neurons", "60"], "fewer neurons"),

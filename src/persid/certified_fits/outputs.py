@@ -1,6 +1,6 @@
 """OutputIdentifier: a certified model of a system of which only inputs and outputs are measured."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from sklearn.utils.validation import check_is_fitted
 from persid._threads import few_threads
 from persid.certified_fits.output_demands import Demand
 from persid.errors import DataError, ModelError
-from persid.identification.outputs.answer import ROOM, Answer, answered, limited
+from persid.identification.outputs.answer import ROOM, Answer, answered, demanded
+from persid.identification.outputs.known import Known
 from persid.identification.outputs.selection import Candidate, Question
 from persid.measurements.arrays import as_trajectories, refuse_target
 from persid.measurements.trajectories import Trajectories
@@ -30,7 +31,7 @@ INSIDE = 0.95  # of the gain asked for, at which a fit below it begins
 TOLD = 10  # steps between two lines of progress
 
 
-Onward = Callable[[StableFit, ndarray], tuple[StableFit, float]]
+Onward = Callable[[StableFit, ndarray | None], tuple[StableFit, float]]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     output: h, None or "abs" (a sensor that ignores the sign).
     measured: names of outputs that are states themselves: they become the first states, without feedthrough and in
         their own units; the other states stay latent.
+    fixed: known coefficients in the equations of measured states, {(state, column): number}, in the user's units.
+        Columns are measured states, inputs, or "f": all neurons, which can only be known to add 0.
     certified: False fits without the condition; the verdict then depends on what `certify` finds.
     min_rate: None, or a rate of decay in 1/s that is certified.
     max_output_gain: None, or the largest gain of the outputs that is certified, in their unit per unit of the inputs:
@@ -104,6 +107,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         hold: str = "zoh",
         output: str | None = None,
         measured: Sequence[str] = (),
+        fixed: Mapping[tuple[str, str], float | int] | None = None,
         certified: bool = True,
         min_rate: float | int | None = None,
         max_output_gain: object = None,
@@ -120,6 +124,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.hold = hold
         self.output = output
         self.measured = measured
+        self.fixed = fixed
         self.certified = certified
         self.min_rate = min_rate
         self.max_output_gain = max_output_gain
@@ -153,6 +158,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         names = _output_names(data.states)
         if strange := [name for name in self.measured if name not in names]:
             raise DataError(f"measured= names {strange[0]!r}, which is none of the outputs ({', '.join(names)})")
+        self._known_entries(data, 0)  # names are refused before anything is fitted
         question = replace(self._question(step), outputs=names)
         tell = _told(progress)
         records = [(run.u, run.x) for run in data]
@@ -162,10 +168,18 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
                 free = answered(records, step, replace(question, certified=False), tell)
                 answer = replace(free, remarks=(answer.remarks[0], *free.remarks))
             least = self._free(answer, records, step, question, tell) if self.compare else None
+        known = self._known_entries(data, answer.candidate.neurons)
         self._deliver(
-            answer, data, least, demand, lambda fit, gains: limited(fit, records, step, question, gains, tell)
-        )
+            answer, data, least, demand, known,
+            lambda fit, gains: demanded(fit, records, step, question, gains, known, tell),
+        )  # fmt: skip
         return self
+
+    def _known_entries(self, data: Trajectories, neurons: int) -> Known | None:
+        """Return the coefficients that are known of the measured states, where there are some."""
+        if not self.fixed:
+            return None
+        return Known.of(self.fixed, tuple(self.measured), _output_names(data.states), data.inputs, neurons)
 
     def _question(self, step: float) -> Question:
         _check_options(self)
@@ -209,23 +223,29 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         )
         return None if answer.interrupted else answered(records, step, same, tell).candidate.held_out
 
-    def _deliver(self, answer: Answer, data: Trajectories, free: float | None, demand: Demand, onward: Onward) -> None:
-        """Certify the answer; where its gains are larger than asked for, a fit that keeps them."""
+    def _deliver(
+        self, answer: Answer, data: Trajectories, free: float | None, demand: Demand, known: Known | None,
+        onward: Onward,
+    ) -> None:  # fmt: skip
+        """Certify the answer, or what keeps the entries that are known; where gains are too large, what keeps them."""
         self.n_features_in_, self.n_inputs_in_ = len(data.states), len(data.inputs)
         named = replace(answer.fit, inputs=data.inputs, outputs=_output_names(data.states))
-        verdict = self._verdict(named, answer.candidate.seed, demand)
+        if known is not None:
+            named = replace(onward(named, None)[0], inputs=named.inputs, outputs=named.outputs)
+        verdict = self._verdict(named, answer.candidate.seed, demand, known)
         error, remarks = answer.error, list(answer.remarks)
         if demand.gains is not None and 1 < demand.excess(verdict) < np.inf and self._unit.M is not None:
             kept, _ = onward(demand.met(self._unit, verdict, INSIDE), demand.gains)
             kept = replace(kept, inputs=named.inputs, outputs=named.outputs)
-            verdict = self._verdict(kept, answer.candidate.seed, demand)
+            verdict = self._verdict(kept, answer.candidate.seed, demand, known)
         for _ in range(ROUNDS):  # what is certified may be a little more than what the fit kept
             if not 1 < demand.excess(verdict) < np.inf:
                 break
-            verdict = self._verdict(demand.met(self._unit, verdict), answer.candidate.seed, demand)
+            verdict = self._verdict(demand.met(self._unit, verdict), answer.candidate.seed, demand, known)
         if self._unit.C is not answer.fit.C:
             error = self._error(data)
-            remarks.append(f"the gains asked for are kept: error {error:.3g} (without them {answer.error:.3g})")
+            asked = "what is known is" if known is not None else "the gains asked for are"
+            remarks.append(f"{asked} kept: error {error:.3g} (else {answer.error:.3g})")
         remarks += demand.missed(verdict, self.model_.outputs)
         self.verdict_, self.certificate_ = verdict, getattr(verdict, "certificate", None)
         chosen = answer.candidate
@@ -244,10 +264,11 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             interrupted=answer.interrupted,
         )
 
-    def _verdict(self, fit: StableFit, seed: int, demand: Demand) -> Verdict:
+    def _verdict(self, fit: StableFit, seed: int, demand: Demand, known: Known | None) -> Verdict:
         """Keep the fit with its model, and return the verdict on it."""
         under = "certificate" if fit.M is not None else None
         self._unit, fit = fit, fit.with_states(self.measured) if self.measured else fit
+        fit = fit if known is None else known.put_in(fit)
         self.fit_, self.model_ = fit, OutputModel.from_fit(fit, {"fitted_under": under, "seed": seed})
         return certify_fit(fit, self.model_, time_limit=float(self.time_limit), min_rate=demand.rate)
 

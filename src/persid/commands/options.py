@@ -40,6 +40,22 @@ class Names(ParamType):
         return [name.strip() for name in names]
 
 
+class Entry(ParamType):
+    """A coefficient by the names of a state and a column, and its number."""
+
+    name = "state,column=number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split at the comma and at the last equality sign."""
+        pair, _, number = value.rpartition("=")
+        names = [name.strip() for name in next(csv.reader([pair], skipinitialspace=True), [])]
+        try:
+            state, column = names
+            return (state, column), float(number)
+        except ValueError:
+            self.fail(f"{value!r} is no coefficient; write state,column=number, such as x,v=1", param, ctx)
+
+
 class Numbers(ParamType):
     """Numbers separated by commas."""
 
@@ -222,6 +238,8 @@ measuring = together(
     click.option("--warm-start", type=FILE,
                  help="With --outputs: the model.json of an earlier fit to go on from; nothing is searched."),
     click.option("--measured", type=Names(), help="With --outputs: those of them that are states themselves."),
+    click.option("--fixed", type=Entry(), multiple=True,
+                 help="With --measured: a known coefficient, such as x,v=1; column f: all neurons; may be repeated."),
     click.option("--max-output-gain", type=Numbers(),
                  help="With --outputs: the largest gain that is to be certified; one number, or one for each output."),
     click.option("--test", type=click.Path(path_type=Path), multiple=True,
@@ -236,6 +254,7 @@ OUTPUT_OPTIONS = (
     "min_rate",
     "max_output_gain",
     "measured",
+    "fixed",
     "warm_start",
 )
 
@@ -243,6 +262,7 @@ OUTPUT_OPTIONS = (
 def output_options(how: Chosen) -> Chosen:
     """Take the options of a fit to inputs and outputs that were given out of all options."""
     found = {name: how.pop(name) for name in OUTPUT_OPTIONS}
+    found["fixed"] = dict(found["fixed"]) or None
     return {name: value for name, value in found.items() if value is not None and value is not False}
 
 

@@ -13,7 +13,7 @@ OPTIONS = {
         "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
         "shared", "velocities", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine",
         "operating_point", "u_op", "delay", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
-        "neurons", "activation", "instruments", "bound", "min_rate", "max_output_gain", "measured", "stride",
+        "neurons", "activation", "instruments", "bound", "min_rate", "max_output_gain", "measured", "fixed", "stride",
     )
 } | {"run": "--run-column", "output": "--output-map"}  # fmt: skip
 ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")

@@ -10,7 +10,8 @@ from numpy import ndarray
 from persid.errors import DataError
 from persid.identification.outputs import least_squares, refit, selection, strides
 from persid.identification.outputs.gains import Limit
-from persid.identification.outputs.least_squares import Fit, Stable, Task
+from persid.identification.outputs.known import Kept, Known
+from persid.identification.outputs.least_squares import Fit, Stable, Task, Term
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.remarks import LEAKS, remarks_on
 from persid.identification.outputs.runs import moments
@@ -21,6 +22,7 @@ Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
 FINAL_STEPS, FINAL_WORK = 100, 30_000_000  # steps on all data, and samples times steps times parameters
 BARRIERS = (1e-1, 1e-2, 1e-3)  # weights of the barrier that keeps gains, in units of the cost at its start
+SQUARES = (1e3, 1e6, 1e9)  # weights of what misses a known entry, in the same unit
 ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
 GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
 PATIENCE = 2  # so many neurons more that do not lower the error notably end the trials
@@ -87,13 +89,13 @@ def answered(
     )
 
 
-def limited(
-    start: StableFit, records: Sequence[Record], dt: float, question: Question, gains: Float[ndarray, " l"],
-    tell: Tell = lambda stage, error: None,
+def demanded(
+    start: StableFit, records: Sequence[Record], dt: float, question: Question, gains: Float[ndarray, " l"] | None,
+    known: Known | None = None, tell: Tell = lambda stage, error: None,
 ) -> tuple[StableFit, float]:  # fmt: skip
-    """Return a fit to all data that goes on from one with gains below those given, and keeps them there; its error.
+    """Return a fit to all data that goes on from one and keeps gains below those given, and entries that are known.
 
-    A logarithmic barrier keeps them, its weight falling in stages.
+    A logarithmic barrier keeps gains, its weight falling in stages; squares keep known entries, their weight rising.
     """
     scales = Scales.of(records, centred=question.output_map is None)
     standard = [scales.standardised(record) for record in records]
@@ -101,14 +103,19 @@ def limited(
     pieces = Pieces.of(standard, question.hold)
     ridge = selection.ridge_of(winner.latent, np.array([winner.ridge]))
     task = Task(pieces, winner.parameters, ridge, winner.substeps)
-    weight = float(least_squares.begun(task, winner.batch).cost[0])
+    unit = float(least_squares.begun(task, winner.batch).cost[0])
     steps = int(np.clip(FINAL_WORK / (pieces.values * len(winner.parameters.free)), 10, FINAL_STEPS))
-    for share in BARRIERS:
-        limit = Limit(gains / scales.y_scale, scales.u_scale, question.kappa / ROOM, share * weight)
-        fit = least_squares.begun(replace(task, limit=limit), winner.batch)
+    for barrier, square in zip(BARRIERS, SQUARES, strict=True):
+        terms: list[Term] = []
+        if gains is not None:
+            terms.append(Limit(gains / scales.y_scale, scales.u_scale, question.kappa / ROOM, barrier * unit))
+        if known is not None:
+            terms.append(Kept(known.in_standard_units(scales, dt), square * unit))
+        staged = replace(task, terms=tuple(terms))
+        fit = least_squares.begun(staged, winner.batch)
         if fit.ended[0]:
             break
-        least_squares.fitted(replace(task, limit=limit), fit, steps, lambda fit: tell("gains", float(fit.error[0])))
+        least_squares.fitted(staged, fit, steps, lambda fit: tell("demands", float(fit.error[0])))
         winner = replace(winner, batch=fit.batch)
     return _delivered(winner, standard, scales, dt, question)
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.identification.outputs.least_squares import Batch, Free, Parameters, Stable, beside, slopes_of
 from persid.identification.outputs.parametrisation import Proved
 
 RATES = np.geomspace(1.0, 1e-4, 60)  # of the fastest pole, among which the rate of the smallest gains is sought
@@ -24,16 +25,33 @@ class Limit:
     least: float
     weight: float
 
-    def barrier(self, gains: Float[ndarray, "K l"]) -> Float[ndarray, " K"]:
+    def cost(self, parameters: Parameters, batch: Batch) -> Float[ndarray, " K"]:
         """Return - weight sum log (1 - gain / limit), infinite where a gain is not below its limit."""
+        if isinstance(parameters, Free):
+            return np.zeros(len(batch.w))
+        gains = self._gains(parameters, batch)[0]
         with np.errstate(all="ignore"):
             room = 1 - gains / self.gains
             return np.where((room > 0).all(1), -self.weight * np.log(room).sum(1), np.inf)
 
-    def pull(self, gains: Float[ndarray, " l"], slopes: Float[ndarray, "p l"]) -> tuple[ndarray, ndarray]:
-        """Return the barrier's gradient and Gauss-Newton form in parameters by which the gains have these slopes."""
-        each = slopes / (self.gains - gains)
-        return np.asarray(self.weight * each.sum(1)), np.asarray(self.weight * each @ each.T)
+    def pull(self, parameters: Parameters, batch: Batch) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K p p"]]:
+        """Return the barrier's gradient and Gauss-Newton form, at the rates that are best, by differences."""
+        K, p = batch.w.shape
+        g, H = np.zeros((K, p)), np.zeros((K, p, p))
+        if isinstance(parameters, Free):
+            return g, H
+        gains, rates = self._gains(parameters, batch)
+        for k in range(K):
+            moved, h = beside(batch, k)
+            slopes = slopes_of(self._gains(parameters, moved, float(rates[k]))[0], h) / (self.gains - gains[k])
+            g[k], H[k] = self.weight * slopes.sum(1), self.weight * slopes @ slopes.T
+        return g, H
+
+    def _gains(
+        self, parameters: Stable, batch: Batch, rate: float | None = None
+    ) -> tuple[Float[ndarray, "K l"], Float[ndarray, " K"]]:
+        latent = parameters.latent(batch)[0]
+        return proved_gains(parameters.proved(batch), latent.B, latent.O, self, rate)
 
 
 @np.errstate(all="ignore")

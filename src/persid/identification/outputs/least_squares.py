@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from persid.identification.outputs.gains import Limit, proved_gains
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.parametrisation import Proved, Shape, proved
 from persid.identification.outputs.records import Pieces
@@ -140,42 +139,42 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Say what is fitted to what: pieces, parametrisation, ridge on entries of W and V, substeps, limit of gains."""
+    """Say what is fitted to what: pieces, parametrisation, ridge on entries of W and V, substeps, further terms."""
 
     pieces: Pieces
     parameters: Parameters
     ridge: Float[ndarray, "K d"]
     substeps: int = 2
     tolerance: float = TOLERANCE
-    limit: Limit | None = None
+    terms: "tuple[Term, ...]" = ()
 
     @np.errstate(over="ignore", invalid="ignore")  # a step too far is refused, whatever it costs
     def penalty(self, latent: Latent, ridge: ndarray) -> Float[ndarray, " K"]:
         """Return what the ridge adds to the cost."""
         return np.asarray(0.5 * (ridge * theta_of(latent) ** 2).sum(1))
 
-    def barrier(self, batch: Batch, latent: Latent) -> Float[ndarray, " K"]:
-        """Return what the limit of the gains adds to the cost."""
-        if self.limit is None or isinstance(self.parameters, Free):
-            return np.zeros(len(batch.w))
-        return self.limit.barrier(proved_gains(self.parameters.proved(batch), latent.B, latent.O, self.limit)[0])
 
-    def pull(self, batch: Batch, latent: Latent) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K p p"]]:
-        """Return the gradient and the Gauss-Newton form of the barrier, at the rates that are best, by differences."""
-        K, p = batch.w.shape
-        g, H = np.zeros((K, p)), np.zeros((K, p, p))
-        if self.limit is None or isinstance(self.parameters, Free):
-            return g, H
-        gains, rates = proved_gains(self.parameters.proved(batch), latent.B, latent.O, self.limit)
-        for k in range(K):
-            h = DIFFERENCE * np.maximum(1.0, np.abs(batch.w[k]))
-            moved = batch[np.full(2 * p, k)]
-            moved = replace(moved, w=moved.w + np.concatenate([np.diag(h), -np.diag(h)]))
-            beside = self.parameters.latent(moved)[0]
-            found = proved_gains(self.parameters.proved(moved), beside.B, beside.O, self.limit, float(rates[k]))[0]
-            slopes = np.nan_to_num((found[:p] - found[p:]) / (2 * h[:, None]), posinf=0.0, neginf=0.0)
-            g[k], H[k] = self.limit.pull(gains[k], slopes)
-        return g, H
+class Term(Protocol):
+    """Say what a fit has to pay beside its error: a limit of gains, say, or what is known of the model."""
+
+    def cost(self, parameters: Parameters, batch: Batch) -> Float[ndarray, " K"]:
+        """Return what every model pays."""
+
+    def pull(self, parameters: Parameters, batch: Batch) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K p p"]]:
+        """Return the gradient of the cost and its Gauss-Newton form."""
+
+
+def beside(batch: Batch, k: int) -> tuple[Batch, Float[ndarray, " p"]]:
+    """Return points at a step above one of the batch in each parameter, then those below, and the steps."""
+    h = DIFFERENCE * np.maximum(1.0, np.abs(batch.w[k]))
+    moved = batch[np.full(2 * len(h), k)]
+    return replace(moved, w=moved.w + np.concatenate([np.diag(h), -np.diag(h)])), h
+
+
+def slopes_of(values: Float[ndarray, "two_p e"], h: Float[ndarray, " p"]) -> Float[ndarray, "p e"]:
+    """Return the derivatives of values at the points of `beside`."""
+    p = len(h)
+    return np.asarray(np.nan_to_num((values[:p] - values[p:]) / (2 * h[:, None]), posinf=0.0, neginf=0.0))
 
 
 def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
@@ -192,7 +191,9 @@ def evaluated(
     good = valid & run.joined
     square = np.where(good, run.square, np.inf) / task.pieces.values
     held = np.where(good, run.held, np.inf) / max(float(task.pieces.held.sum()) * task.pieces.y.shape[1], 1.0)
-    cost = np.where(good, 0.5 * square + task.penalty(latent, ridge) + task.barrier(batch, latent), np.inf)
+    cost = np.where(good, 0.5 * square + task.penalty(latent, ridge), np.inf)
+    for term in task.terms:
+        cost = cost + term.cost(task.parameters, batch)
     return cost, np.sqrt(square), np.sqrt(held), run.start
 
 
@@ -275,8 +276,8 @@ def _linearised(task: Task, fit: Fit, chosen: ndarray, fresh: dict[int, _Linear]
     g = found.g / count + ridge * theta
     H, g = D @ H @ np.swapaxes(D, 1, 2), (D @ g[..., None])[..., 0]
     side = D[:, None] @ found.side / count
-    drawn, form = task.pull(batch, latent)
-    g, H = g + drawn, H + form
+    for drawn, form in (term.pull(task.parameters, batch) for term in task.terms):
+        g, H = g + drawn, H + form
     for i, k in enumerate(chosen):
         sums = _Arrow(H[i], side[i], found.corner[i] / count, g[i], found.g0[i] / count)
         fresh[int(k)] = _Linear(sums, D[i], found.reach[i], found.own[i])
