@@ -152,3 +152,34 @@ def test_an_index_of_2_is_never_solvable() -> None:
     for row in ([[1, number(1)]], [[1, number(-8)]]):
         forged = _with(content, ("algebraic", "solvable", "multipliers"), [row])
         assert isinstance(check(data(forged)), Rejected)
+
+
+def test_a_variable_that_does_not_rest_at_its_reference_is_not_said_to() -> None:
+    """x' = -x + u tends to 0 whatever w = cos(x) does, and w tends to 1: only the state's rest is named."""
+    zero, minus = float(0).hex(), float(-1).hex()
+    one = float(1).hex()
+    model = {
+        "format": "persid-model-1", "states": ["x"], "inputs": ["u"], "x_ref": [zero, zero], "u_ref": [zero],
+        "A0": [[minus, zero], [zero, minus]], "B": [[one], [zero]], "b": [zero, zero], "domain": None,
+        "terms": [{"f": "cos(x)", "R": [[one, zero]], "A": [[zero], [one]]}], "algebraic": ["w"],
+    }  # fmt: skip
+    curve = {"functions": [["cos(x)", ONE]], "shift": None, "domain": None, "continuous": [0, [-8, 8]]}
+    content = _content() | {
+        "model": model, "model_sha256": model_sha256(model), "gamma": [2, 0], "dropped": [1, 2],
+        "curves": [curve | {"forms": [], "products": []}], "kappa": [1, -1], "p": [1, -1],
+        "points": [{"curve": 0, "row": [[0, ONE]], "channels": [0], "densities": []}],
+        "facts": {kind: [] for kind in ("value", "one_signed", "difference", "constant")}, "P": {"lower": [[ONE]]},
+        "algebraic": {"solvable": {"multipliers": [[[1, [-1, 0]]]], "products": [], "proof": []}, "equations": [[]]},
+    }  # fmt: skip
+    answer = check(data(with_proof(content)))
+    assert isinstance(answer, Accepted), answer
+    assert "about x* = x_ref = (0) for u* = u_ref = (0)" in answer.statement
+
+
+def test_values_of_functions_in_V_are_refused_before_anything_is_assembled() -> None:
+    """P over the states and a channel has another size than V of a model with equations."""
+    content = _content()
+    content["P"] = {"lower": [*content["P"]["lower"], [[0, 0], ONE]], "channels": [0]}
+    answer = check(data(content))
+    assert isinstance(answer, Rejected)
+    assert "P is over the states" in answer.why

@@ -82,7 +82,7 @@ def _place(ledger: Ledger) -> str:
     if ledger.ball is not None:
         return f"about {equilibrium(ledger.ball)}"
     name = "" if ledger.claim == "practical" else "x* = "
-    where = f"about {name}x_ref = {vector(model.x_ref)} for u* = u_ref = {vector(model.u_ref)}"
+    where = f"about {name}x_ref = {vector(model.x_ref[: model.order])} for u* = u_ref = {vector(model.u_ref)}"
     return f"{where}, with the constant b counted as one more input that is held at 1" if ledger.counts_b else where
 
 

@@ -49,9 +49,9 @@ def prove(ledger: Ledger) -> Proved:
         _values(ledger, p, point)
     _domains(ledger)
     refuse_densities(ledger)
-    matrices = assemble(ledger)
     if ledger.model.algebraic or ledger.algebraic is not None:
         prove_algebraic(ledger, ledger.algebraic)
+    matrices = assemble(ledger)
     kept = _rows_kept(ledger, matrices)
     if not proves(ledger.proof["M"], matrices.M.kept(kept, kept)):
         raise NotProvedError("proof.M", "the matrix inequality is not proved")

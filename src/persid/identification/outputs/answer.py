@@ -25,7 +25,6 @@ BARRIERS = (1e-1, 1e-2, 1e-3)  # weights of the barrier that keeps gains, in uni
 SQUARES = (1e3, 1e6, 1e9)  # weights of what misses a known entry, in the same unit
 ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
 GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
-PATIENCE = 2  # so many neurons more that do not lower the error notably end the trials
 REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
 UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
 
@@ -204,8 +203,8 @@ class _Search:
                 if not weaker.fit.held_out[0] < BETTER * best.held_out:
                     break
                 best, group, k = weaker.candidates()[0]
-        if self.question.neurons is None:
-            self._grow()
+        while self.question.neurons is None and self._grows():
+            pass
         group, k = self._best()[1:]
         if self.question.feedthrough is None and self.pieces.u.shape[1]:
             self._again(selection.again(group, k, feedthrough=False))
@@ -278,14 +277,16 @@ class _Search:
         self._race([self._stable(found)], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
         return self._best()[0].held_out < BETTER * best.held_out
 
-    def _grow(self) -> None:
-        """Give the best candidate one neuron more at a time, while that lowers the held-out error notably."""
-        last, missed = self._best(), 0
-        while 0 < last[0].neurons < selection.MOST and missed < PATIENCE:
-            least = self._best()[0].held_out
-            kinds = (False, True) if self.loud and self.question.certified else (False,)
-            last = selection.ranked([self._again(selection.grown(*last[1:], hardens)) for hardens in kinds])[0]
-            missed = 0 if last[0].held_out < BETTER * least else missed + 1
+    def _grows(self) -> bool:
+        """Try one neuron more beside those of the best candidate; whether that lowered the held-out error notably."""
+        best, group, k = self._best()
+        if not 0 < best.neurons < selection.MOST:
+            return False
+        kinds = (False, True) if self.loud and self.question.certified else (False,)
+        grown = [selection.grown(group, k, hardens) for hardens in kinds]
+        self.groups += grown
+        selection.raced(grown, lambda error: self.tell("one neuron more", error), selection.GROWN_RUNGS)
+        return self._best()[0].held_out < BETTER * best.held_out
 
     def _again(self, group: Group) -> Group:
         """Return a group, fitted on and kept."""

@@ -24,7 +24,8 @@ BETTER = 0.97  # a larger or freer model has to lower the held-out error to this
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
 SHARE = 3  # one in so many goes on, at most
 LONG_RUNGS = ((12, 20), (20, 10), (50, 4), (100, 1))  # where there are more candidates, on longer records
-GROWN_STEPS = 50  # of candidates with one neuron more than the best
+GROWN_RUNGS = ((12, 3), (50, 1))
+GROWN = 4  # random neurons of a kind that are tried beside those of the best candidate
 HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
@@ -272,10 +273,11 @@ def again(group: Group, k: int, weaker: float = 1.0, feedthrough: bool = True) -
 
 def grown(group: Group, k: int, hardens: bool) -> Group:
     """Return one candidate with one more random neuron, before it is fitted on."""
-    one, before, seed = slice(k, k + 1), group.task, group.seeds[k] + group.neurons
+    one, before, first = slice(k, k + 1), group.task, GROWN * (group.seeds[k] + group.neurons)
     latent = before.parameters.latent(group.fit.batch[one])[0]
     seen = moments(latent, before.pieces, group.fit.start[one], before.substeps)
-    parameters, batch = starts.grown(before.parameters, group.fit.batch[one], seen.mean, seen.cov, seed, hardens)
+    seeds = range(first, first + GROWN)
+    parameters, batch = starts.grown(before.parameters, group.fit.batch[one], seen.mean, seen.cov, seeds, hardens)
     count = len(batch.w)
     weights = np.full(count, before.ridge[k].max(initial=0.0))
     task = replace(before, parameters=parameters, ridge=ridge_of(parameters.latent(batch)[0], weights))

@@ -1,5 +1,6 @@
 """From a linear model to the points at which the nonlinear fits begin."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -101,27 +102,31 @@ def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple
 
 
 def grown(
-    parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"], seed: int,
-    hardens: bool,
+    parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"],
+    seeds: Sequence[int], hardens: bool,
 ) -> tuple[Free | Stable, Batch]:  # fmt: skip
-    """Return one fitted point with one more random neuron of no effect, with less and with more room for it.
+    """Return one fitted point with one more random neuron of no effect, for every seed with less and more room for it.
 
     It is the first where it hardens, else the last. Its row has length 1 where the states, of this mean and covariance,
     are white.
     """
-    latent, place, rng = parameters.latent(batch)[0], 0 if hardens else parameters.q, np.random.default_rng(seed)
-    row = rng.normal(size=latent.n)
-    row = row / np.linalg.norm(row) @ _whitening(cov)
-    V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
-    W = np.insert(latent.W, latent.n + place, 0.0, 2)
-    one = replace(latent, W=W, V=V, hardening=latent.hardening + hardens)
+    latent, place = parameters.latent(batch)[0], 0 if hardens else parameters.q
+    points = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        row = rng.normal(size=latent.n)
+        row = row / np.linalg.norm(row) @ _whitening(cov)
+        V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
+        W = np.insert(latent.W, latent.n + place, 0.0, 2)
+        points.append(replace(latent, W=W, V=V, hardening=latent.hardening + hardens))
     through = bool(parameters.free[-latent.m - 1 : -1].any())
     if isinstance(parameters, Free):
-        return free_batch(one, through)
+        return free_batch(stacked(points), through)
     shape, had = replace(parameters.shape, q=parameters.q + 1), parameters.proved(batch)
     M, T, idle = np.insert(had.M[0], place, 0.0), np.insert(had.T[0], place, 0.0), np.arange(shape.q) == place
-    v = np.array([parameters_beside(shape, one.A[0], one.A1[0], one.R[0], M, T, idle, most) for most in GIVING])
-    return stable_point(shape, v, stacked([one] * len(v)), through)
+    pairs = [(one, most) for most in GIVING for one in points]
+    v = [parameters_beside(shape, one.A[0], one.A1[0], one.R[0], M, T, idle, most) for one, most in pairs]
+    return stable_point(shape, np.array(v), stacked([one for one, _ in pairs]), through)
 
 
 def stable_point(shape: Shape, v: Float[ndarray, "K p"], latent: Latent, through: bool) -> tuple[Stable, Batch]:
