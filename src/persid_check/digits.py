@@ -15,6 +15,7 @@ BITS = 21  # of a digit
 HALF = 1 << (BITS - 1)
 LENGTH = 1 << 12  # of a sum of products of digits
 MAX_SIZE = 2**28  # digits of one matrix: 1 GiB
+WIDEST = 2**22  # products of digits that are added up without a carry
 ONE_BY_ONE = 40  # times as long as in a product of BLAS takes a multiplication that is not in one
 BLOCK = 2**22  # entries that are worked on at a time
 
@@ -110,16 +111,23 @@ class Digits:
         """Return each entry times 2**shift; shifts >= 0 of the shape of the matrix, or of one row or column."""
         height = len(self.parts) + int(shifts.max(initial=0)) // BITS + 1
         _refuse_long(height, self.shape)
-        places, factors = shifts // BITS, np.int64(1) << (shifts % BITS)
-        found = np.flatnonzero(np.bincount(places.ravel())).tolist()
+        places, factors = shifts // BITS, (1 << (shifts % BITS)).astype(np.int32)
+        found = np.unique(places)
+        if len(found) > 1:  # each entry is touched once for each of its digits, however many places there are
+            flat = np.broadcast_to(places, self.shape).ravel()
+            order = np.argsort(flat, kind="stable")
+            starts = np.searchsorted(flat[order], found).tolist()
+            groups = dict(zip(found.tolist(), np.split(order, starts[1:]), strict=True))
+            factors = np.broadcast_to(factors, self.shape).ravel()
 
         def total(k: int) -> Array:
-            if len(found) == 1:
-                return np.asarray(_part(self, k - found[0]) * factors)
-            summed = np.zeros(self.shape, np.int64)
-            for place in found:
-                summed += np.where(places == place, _part(self, k - place) * factors, 0)
-            return summed
+            if len(found) <= 1:
+                return np.asarray(_part(self, k - int(found[0])).astype(np.int64) * factors)
+            summed = np.zeros(flat.shape, np.int64)
+            for i in range(max(0, k - int(found[-1])), min(k + 1, len(self.parts))):
+                if (at := groups.get(k - i)) is not None:
+                    summed[at] = self.parts[i].ravel()[at].astype(np.int64) * factors[at]
+            return summed.reshape(self.shape)
 
         return Digits.of_sums(self.shape, (total(k) for k in range(height)))
 
@@ -209,6 +217,7 @@ class Digits:
     def __mul__(self, other: "Digits") -> "Digits":
         shape, width = (self.shape[0], other.shape[1]), self._width()
         _refuse_long(len(self.parts) + len(other.parts), shape)
+        _refuse_wide(min(len(self.parts), len(other.parts)), width)
         if width < self.shape[1]:
             return self._few(other, width)
         return Digits.of_sums(shape, (self._sum(other, k) for k in range(len(self.parts) + len(other.parts) - 1)))
@@ -224,6 +233,7 @@ class Digits:
         """Return X X'."""
         shape = (self.shape[0], self.shape[0])
         _refuse_long(2 * len(self.parts), shape)
+        _refuse_wide(len(self.parts), self.shape[1])
         return Digits.of_sums(shape, (self._square(k) for k in range(2 * len(self.parts) - 1)))
 
     def _square(self, k: int) -> Array:
@@ -282,6 +292,12 @@ class Digits:
 def _refuse_long(count: int, shape: tuple[int, int]) -> None:
     if count * shape[0] * shape[1] > MAX_SIZE:
         raise ArithmeticError("the numbers of a large matrix are too long: fewer bits are needed")
+
+
+def _refuse_wide(digits: int, width: int) -> None:
+    """The sum of so many products of digits, of at most 2**40 each, stays below 2**62."""
+    if digits * width >= WIDEST:
+        raise ArithmeticError("the rows of a large matrix are too long for its numbers: fewer bits are needed")
 
 
 def _part(of: Digits, k: int) -> Array:

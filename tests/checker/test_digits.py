@@ -150,3 +150,21 @@ def test_without_numpy_matrices_of_all_sizes_are_flints(monkeypatch: pytest.Monk
     assert isinstance(by_flint.entries, fmpz_mat)
     assert by_digits.exponent == by_flint.exponent
     assert by_digits.flint == by_flint.entries
+
+
+def test_entries_are_moved_by_shifts_that_all_differ() -> None:
+    """Each entry goes to its own place, whatever the others' are, and the number of places costs nothing."""
+    choose = random.Random(5)
+    values = [choose.randrange(-(2**70), 2**70) for _ in range(30)]
+    shifts = np.array([choose.randrange(4000) for _ in range(30)], np.int64).reshape(5, 6)
+    moved = Digits.of_integers((5, 6), values).moved(shifts)
+    assert moved.integers() == [v << s for v, s in zip(values, shifts.ravel().tolist(), strict=True)]
+
+
+def test_sums_that_64_bits_may_not_hold_are_refused() -> None:
+    """Rows times digits beyond what is added up without a carry end in an error, not in another number."""
+    row = Digits((1, 2**16), [np.full((1, 2**16), -(2**20), np.int32)] * 64)
+    with pytest.raises(ArithmeticError, match="fewer bits"):
+        row * row.transpose()
+    with pytest.raises(ArithmeticError, match="fewer bits"):
+        row.squared()
