@@ -262,7 +262,7 @@ OUTPUT_OPTIONS = (
 def output_options(how: Chosen) -> Chosen:
     """Take the options of a fit to inputs and outputs that were given out of all options."""
     found = {name: how.pop(name) for name in OUTPUT_OPTIONS}
-    found["fixed"] = dict(found["fixed"]) or None
+    found["fixed"] = dict(found["fixed"] or ()) or None
     return {name: value for name, value in found.items() if value is not None and value is not False}
 
 
