@@ -110,3 +110,21 @@ def test_random_models_keep_to_their_balls() -> None:
                 distance = np.linalg.norm(end - certificate.operating_point)
                 assert not distance > certificate.bound(start, sup, [60.0])[0] * (1 + 1e-6) + 1e-9
     assert certified >= 2
+
+
+@pytest.mark.parametrize(
+    ("model", "rest"),
+    [
+        (ps.PersidskiiModel([[-1.0]], [("sin(3*x)", None, [[2.0]])], None, [4.0]), 3.267),
+        (ps.PersidskiiModel([[-1.0]], [("tanh(2*x)", None, [[1.0]])], [[1.0]], [5.0]), 6.0),
+    ],
+)
+def test_the_ball_holds_where_a_constant_alone_takes_the_state(model: ps.PersidskiiModel, rest: float) -> None:
+    """Where b counts as one more input its part belongs to the radius that headline and certificate name."""
+    verdict = ps.certify(model, claim="practical")
+    assert isinstance(verdict, ps.Certified)
+    run = model.simulate([0.0], np.linspace(0, 40, 400), np.zeros((400, model.m)) if model.m else None)[0]
+    assert abs(run.x[-1, 0]) == pytest.approx(rest, abs=1e-3)
+    assert verdict.certificate.spread is not None
+    assert rest <= verdict.certificate.spread
+    assert verdict.certificate.spread == pytest.approx(verdict.certificate.bound([0.0], 0.0, [1e3])[0], rel=0.5)

@@ -221,11 +221,15 @@ class Certificate:
     @property
     def spread(self) -> float | None:
         """The distance from x* at which the state may stay without inputs: of plants whose deviations have constant
-        parts, and of claim "practical", where x_ref stands for x*.
+        parts, of claim "practical", where x_ref stands for x*, and where b counts as one more input.
 
         In state units, rounded up; 0 otherwise. None for claim "iss".
         """
-        return abs(bounds.above(bounds.remaining(self.stated))) if self.stated.has_rate else None
+        if not self.stated.has_rate:
+            return None
+        own = bounds.remaining(self.stated)
+        held = bounds.gains(self.stated, self.model.m + 1)[-1] if self.counts_b else 0  # b, an input that is held at 1
+        return abs(bounds.above(own + held))
 
     def overshoot(self, x0: object) -> float:
         """Return sqrt(V(x0)/p), rounded up: without input and `spread` |x(t) - x*| never exceeds it.

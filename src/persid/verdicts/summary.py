@@ -154,8 +154,6 @@ def in_the_long_run(verdict: Certified, unit: str = "s") -> str:
 
 def _ball(certificate: Certificate) -> str:
     """Return in words the ball about x_ref that a practical claim speaks of."""
-    if certificate.counts_b:  # as an input it moves the ball by its gain
-        return "its state comes into a ball about x_ref that b and the inputs decide"
     inputs = f" and {above(certificate.gain or 0.0)} times the largest |u - u_ref|" if certificate.model.m else ""
     return f"its state comes into a ball about x_ref of radius {above(certificate.spread or 0.0)}{inputs}"
 
