@@ -10,6 +10,7 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 
+from persid._dyadics import is_dyadic
 from persid_check.enclosure import UndefinedError, between, value
 from persid_check.expression import kinks
 from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, Product, variable
@@ -116,19 +117,21 @@ def _within(reach: Fraction) -> list[Fraction]:
 
 
 def _bisected(lemma: Lemma, a: Fraction, b: Fraction) -> list[Fraction] | None:
-    if a >= b:
-        return [a]
-    cuts, pieces = [a], [(a, b)]
-    pieces = [*_powers(a, b, _hinges(lemma.functions))][::-1]
-    while pieces:
-        lo, hi = pieces.pop()
+    return [a] if a >= b else _halved(lemma, _powers(a, b, _hinges(lemma.functions)))
+
+
+def _halved(lemma: Lemma | Product, pieces: list[tuple[Fraction, Fraction]]) -> list[Fraction] | None:
+    """Return the ends of pieces on each of which it holds, halved where it does not; None where that does not end."""
+    cuts, finest, left = [pieces[0][0]], (pieces[-1][1] - pieces[0][0]) * FINEST, pieces[::-1]
+    while left:
+        lo, hi = left.pop()
         if lemma.holds_on(lo, hi):
             cuts.append(hi)
             continue
         middle = (lo + hi) / 2
-        if len(cuts) + len(pieces) > PIECES or hi - lo < (b - a) * FINEST or not lemma.holds_on(middle, middle):
+        if len(cuts) + len(left) > PIECES or hi - lo < finest or not lemma.holds_on(middle, middle):
             return None
-        pieces += [(middle, hi), (lo, middle)]
+        left += [(middle, hi), (lo, middle)]
     return cuts
 
 
@@ -141,7 +144,7 @@ def _powers(a: Fraction, b: Fraction, hinges: Sequence[Fraction]) -> list[tuple[
 def _hinges(functions: Functions) -> list[Fraction]:
     """Return where hinges lie; a cut is a dyadic, so one that is none is left to bisection."""
     found = (t / alpha for program, alpha in functions for t in kinks(program))
-    return [t for t in found if t.denominator & (t.denominator - 1) == 0]
+    return [t for t in found if is_dyadic(t)]
 
 
 @lru_cache(maxsize=8192)
@@ -151,18 +154,8 @@ def cuts_of_product(product: Product) -> Cuts | None:
     if ends[0] is None or ends[1] is None:
         return None
     hinges = [t for t in _hinges(product.functions) if -ends[0] < t < ends[1]]
-    cuts, pieces = [-ends[0]], _powers(-ends[0], ends[1], [*hinges, _ZERO])[::-1]
-    while pieces:
-        lo, hi = pieces.pop()
-        if product.holds_on(lo, hi):
-            cuts.append(hi)
-            continue
-        middle = (lo + hi) / 2
-        lost = len(cuts) + len(pieces) > PIECES or hi - lo < (ends[0] + ends[1]) * FINEST
-        if lost or not product.holds_on(middle, middle):
-            return None
-        pieces += [(middle, hi), (lo, middle)]
-    return tuple(cuts)
+    cuts = _halved(product, _powers(-ends[0], ends[1], [*hinges, _ZERO]))
+    return None if cuts is None else tuple(cuts)
 
 
 def cuts_of_continuity(functions: Functions, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:

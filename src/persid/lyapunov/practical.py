@@ -19,6 +19,7 @@ import scipy.linalg as sla
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid._dyadics import rounded
 from persid.lyapunov.barrier import Block, Centre, Region, minimise
 from persid.lyapunov.frame import Frame, Unknown
 from persid.lyapunov.integrals import _sampled
@@ -35,6 +36,7 @@ SHARES = (1 / 16, 1 / 256)  # of the rate of the model at which a first ball is 
 STEPS = 24  # towards a smaller one
 CLOSER = 0.98  # share of the square that makes a step worth it
 WEIGHT = 1 / 16  # of an input of its own size beside what stays without inputs
+SHORT = 5  # bits of a rate
 Left = Callable[[], float]
 
 
@@ -196,13 +198,8 @@ def _ball(frame: Frame, r: float, kappa: float, left: Left) -> Ball | None:
 
 def ball_of(frame: Rough, r: float, kappa: float, left: Left) -> Ball | None:
     """Return the smallest ball that a frame with forms beyond r proves at a rate."""
-    candidate = feasible(frame, _dyadic(kappa), left, across=False)
+    candidate = feasible(frame, Fraction(float(rounded(np.array(kappa), SHORT))), left, across=False)
     return None if candidate is None else _shrunk(candidate, frame, r, left)
-
-
-def _dyadic(kappa: float) -> Fraction:
-    grid = 2.0 ** (np.floor(np.log2(kappa)) - 4)
-    return Fraction(float(np.round(kappa / grid) * grid))
 
 
 def _shrunk(candidate: Candidate, frame: Rough, r: float, left: Left) -> Ball:

@@ -47,7 +47,7 @@ class Setting:
         arrays: Arrays = HOST,
     ) -> "Setting":  # fmt: skip
         """Look at a model about an equilibrium (None: about x_ref, functions not shifted), on a box or globally."""
-        if point is not None and box is None and _is_reference(model, point):
+        if point is not None and box is None and is_reference(model, point):
             point = None
         found = groups(model.channels, place(model, point, box))
         pools, upper, below = {}, {}, {}
@@ -188,7 +188,8 @@ def undefined(
     return tuple(dict.fromkeys(found))
 
 
-def _is_reference(model: PersidskiiModel, point: OperatingPoint) -> bool:
+def is_reference(model: PersidskiiModel, point: OperatingPoint) -> bool:
+    """Whether a point is known to be the reference of a model exactly, without constants."""
     at_reference = np.array_equal(point.x, model.x_ref) and np.array_equal(point.u, model.u_ref)
     return at_reference and point.radius == 0 and not model.b.any()
 

@@ -1,6 +1,6 @@
 """The parts of a model as a caller or a file gives them: read into arrays, names and terms, or refused."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,20 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> nda
         raise ModelError(f"{name} holds a number that is not finite")
     array.setflags(write=False)
     return array
+
+
+def sampled_input(t: ndarray, u: object, m: int) -> Callable[[float], object] | ndarray | None:
+    """Return the input of a simulation at the times t (s): (N, m) samples, a function, or None; or say what is wrong.
+
+    Raises:
+        ModelError: the times do not increase, or samples have another shape.
+    """
+    if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
+        raise ModelError("t needs at least two strictly increasing times in s")
+    if u is None or callable(u):
+        return u
+    samples = np.asarray(u, float)
+    return finite_array("u", samples[:, None] if samples.ndim == 1 and m == 1 else samples, (len(t), m))
 
 
 def clock(time: object, dt: object, sparse: bool) -> float | None:

@@ -15,7 +15,7 @@ import persid_check
 from persid._files import Json, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
-from persid.models.arguments import distinct_names, finite_array, plain_model
+from persid.models.arguments import distinct_names, finite_array, plain_model, sampled_input
 from persid.models.channels import Channels
 from persid.models.elimination import Equations, integrate
 from persid.models.model import Input, PersidskiiModel
@@ -204,14 +204,10 @@ class DescriptorModel:
             ModelError: an argument has the wrong shape, or the equations have no solution at the start.
         """
         x0, t = finite_array("x0", x0, (self.n,)), np.array(t, float)
-        if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
-            raise ModelError("t needs at least two strictly increasing times in s")
-        if not (u is None or callable(u)):
-            u = np.asarray(u, float)
-            u = finite_array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
-        first = self.rows.field.sampled(t[:1], u if u is None or callable(u) else u[:1])[0]
+        given = sampled_input(t, u, self.m)
+        first = self.rows.field.sampled(t[:1], given[:1] if isinstance(given, ndarray) else given)[0]
         return Trajectories(
-            (integrate(self._equations, x0, self.solve(x0, first, near), t, u, rtol, atol),),
+            (integrate(self._equations, x0, self.solve(x0, first, near), t, given, rtol, atol),),
             self.variables,
             self.inputs,
         )

@@ -11,7 +11,17 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.measurements.trajectory import Trajectory
-from persid.models.integration import STATE_CAP, End, has_left, lsoda_steps, passed, quiet
+from persid.models.integration import (
+    STATE_CAP,
+    End,
+    constant,
+    has_left,
+    jumps,
+    lsoda_steps,
+    moving_force,
+    passed,
+    quiet,
+)
 from persid.models.vector_field import VectorField
 
 STEPS = 60  # of Newton's method
@@ -99,12 +109,12 @@ def integrate(
     right, n = equations.field, equations.n
     held = right.sampled(t, u)
     cap = STATE_CAP * (1 + float(np.abs(x0).max() + np.abs(right.x_ref[:n]).max()))
-    moving = (lambda s: right.forcing(np.reshape(np.asarray(u(s), float), right.m))) if callable(u) else None
-    ends = [0, len(t) - 1] if moving else _jumps(held)
-    states, run, end = [np.concatenate([x0, w0])[None]], _Run(equations, partial(_held, x0), w0), End()
+    moving = moving_force(right, u) if callable(u) else None
+    ends = [0, len(t) - 1] if moving else jumps(held)
+    states, run, end = [np.concatenate([x0, w0])[None]], _Run(equations, partial(constant, x0), w0), End()
     with quiet():
         for a, b in pairwise(ends):
-            run.force = moving or partial(_held, right.forcing(held[a]))
+            run.force = moving or partial(constant, right.forcing(held[a]))
             found, end = _span(run, states[-1][-1][:n], t[a : b + 1], (rtol, atol), cap)
             states.append(found)
             if end.early:
@@ -116,16 +126,6 @@ def integrate(
                 found[-1] = after
     rows = np.concatenate(states)
     return Trajectory(t[: len(rows)], rows, held[: len(rows)], **asdict(end))
-
-
-def _held(force: ndarray, _: float) -> ndarray:
-    return force
-
-
-def _jumps(held: ndarray) -> list[int]:
-    """Return the samples between which inputs stay."""
-    jumps = np.flatnonzero((np.diff(held[:-1], axis=0) != 0).any(axis=1)) + 1
-    return [0, *jumps.tolist(), len(held) - 1]
 
 
 def _after(run: _Run, z: ndarray, n: int, force: ndarray) -> ndarray | None:

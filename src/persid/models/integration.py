@@ -98,8 +98,7 @@ def integrate(
         if u is None or callable(u):
             held = field.sampled(t, u)
             force = field.forcing(field.u_ref)
-            moving = (lambda s: field.forcing(np.reshape(np.asarray(u(s), float), field.m))) if callable(u) else None
-            states, end = solver.span(x0, t, moving or partial(_constant, force))
+            states, end = solver.span(x0, t, moving_force(field, u) if callable(u) else partial(constant, force))
         else:
             held = u
             states, end = _held(solver, x0, t, u)
@@ -108,12 +107,11 @@ def integrate(
 
 def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarray, End]:
     """Go from jump to jump of the input; an input that stays is integrated in one go."""
-    jumps = np.flatnonzero((np.diff(u[:-1], axis=0) != 0).any(axis=1)) + 1
     states, end = [x0[None]], End()
-    for a, b in pairwise([0, *jumps.tolist(), len(t) - 1]):
+    for a, b in pairwise(jumps(u)):
         force = solver.field.forcing(u[a])
         if b - a > 1:
-            found, end = solver.span(states[-1][-1], t[a : b + 1], partial(_constant, force))
+            found, end = solver.span(states[-1][-1], t[a : b + 1], partial(constant, force))
         else:
             found, end = solver.step(states[-1][-1], float(t[a]), float(t[b]), force)
         states.append(found[1:])
@@ -122,8 +120,20 @@ def _held(solver: "_Solver", x0: ndarray, t: ndarray, u: ndarray) -> tuple[ndarr
     return np.concatenate(states), end
 
 
-def _constant(force: ndarray, _: float) -> ndarray:
+def jumps(held: Float[ndarray, "N m"]) -> list[int]:
+    """Return the samples between which a held input stays, the first and the last among them."""
+    inner = np.flatnonzero((np.diff(held[:-1], axis=0) != 0).any(axis=1)) + 1
+    return [0, *inner.tolist(), len(held) - 1]
+
+
+def constant(force: ndarray, _: float) -> ndarray:
+    """Return a force that stays."""
     return force
+
+
+def moving_force(field: VectorField, u: Callable[[float], object]) -> Callable[[float], ndarray]:
+    """Return the force of an input that is a function of time."""
+    return lambda s: field.forcing(np.reshape(np.asarray(u(s), float), field.m))
 
 
 class _Solver:
@@ -156,7 +166,7 @@ class _Solver:
                 if solver.status == "failed":  # steps shorter than times resolve: stiff, or a divergence
                     break
             self.stiff = True
-        return self.span(x, np.array([start, stop]), partial(_constant, force))
+        return self.span(x, np.array([start, stop]), partial(constant, force))
 
     def _restarted(self, x: ndarray, start: float, stop: float, force: ndarray) -> RK45:
         """Return the explicit solver at the start of an interval; the step size found before it is kept."""

@@ -26,6 +26,7 @@ from persid.models.arguments import (
     matrices_of,
     matrix_of,
     plain_model,
+    sampled_input,
     term_of,
     unknown_fields,
 )
@@ -249,15 +250,13 @@ class PersidskiiModel:
         if not starts:
             raise ModelError("x0 holds no state; give one (n,), or several (k, n)")
         t = np.array(t, float)
-        if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0).all():
-            raise ModelError("t needs at least two strictly increasing times in s")
-        if not (u is None or callable(u)):
-            u = np.asarray(u, float)
-            u = finite_array("u", u[:, None] if u.ndim == 1 and self.m == 1 else u, (len(t), self.m))
+        given = sampled_input(t, u, self.m)
         if self.dt is not None:
             refuse_other_steps(t, self.dt)
-            return Trajectories(tuple(iterate(self.field, x, t, u) for x in starts), self.states, self.inputs)
-        return Trajectories(tuple(integrate(self.field, x, t, u, rtol, atol) for x in starts), self.states, self.inputs)
+            return Trajectories(tuple(iterate(self.field, x, t, given) for x in starts), self.states, self.inputs)
+        return Trajectories(
+            tuple(integrate(self.field, x, t, given, rtol, atol) for x in starts), self.states, self.inputs
+        )
 
     def to_callable(self, jit: bool = False) -> Callable[..., ndarray]:
         """Return rhs(t, x, u=None), x' for one state (n,) and input (m,), u = None meaning u_ref, for SciPy's solvers.

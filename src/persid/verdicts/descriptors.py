@@ -13,7 +13,7 @@ from persid.errors import ModelError
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
 from persid.lyapunov.points import points_of
-from persid.lyapunov.shifted_model import place, undefined
+from persid.lyapunov.shifted_model import is_reference, place, undefined
 from persid.lyapunov.solvability import solving
 from persid.models.descriptor import DescriptorModel
 from persid.verdicts import failures as words
@@ -37,7 +37,7 @@ def certify_descriptor(
         return _undecided(Failure(Reason.OUTSIDE, words.NO_POINT), log)
     if missing := undefined(model.rows):
         return _undecided(Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4]))), log)
-    point = None if _is_reference(model, points[0]) else points[0]
+    point = None if is_reference(model.rows, points[0]) else points[0]
     frame = _frame(model, point)
     frame = frame.monotone if claim == "incremental" else frame
     with log.attempt("equations that have one solution") as outcome:
@@ -62,11 +62,6 @@ def _frame(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
 
 def _undecided(failure: Failure, log: Log) -> Undecided:
     return Undecided(failure.reason, failure.detail, tuple(log.attempts))
-
-
-def _is_reference(model: DescriptorModel, point: OperatingPoint) -> bool:
-    at = np.array_equal(point.x, model.rows.x_ref) and np.array_equal(point.u, model.u_ref)
-    return at and point.radius == 0 and not model.b.any()
 
 
 def _variables(model: DescriptorModel, near: object, u: Float[ndarray, " m"]) -> Float[ndarray, " N"]:

@@ -22,17 +22,14 @@ def prove_algebraic(ledger: Ledger, said: Algebraic | None) -> None:
         raise NotProvedError("algebraic", "every equation needs a multiplier, and a proof that it can be solved")
     if ledger.claim not in CLAIMS:
         raise NotProvedError("claim", f"with algebraic variables it is one of {', '.join(CLAIMS)}")
-    if ledger.inside or any(fact.kind == "slope" for fact in ledger.facts):
+    if ledger.has_slopes:
         raise NotProvedError("P", "with algebraic variables P is over the states, and no fact is about slopes")
+    _densities(ledger)
     _solvable(ledger, said)
 
 
-def refuse_densities(ledger: Ledger) -> None:
-    """V is a function of the states: what reads an algebraic variable has no density.
-
-    Raises:
-        NotProvedError: it has.
-    """
+def _densities(ledger: Ledger) -> None:
+    """V is a function of the states: what reads an algebraic variable has no density."""
     for p, point in enumerate(ledger.points):
         if ledger.reads_algebraic(p) and any(mu for _, mu in point.densities):
             raise NotProvedError(f"points[{p}].densities", "its row reads an algebraic variable, which V does not")

@@ -9,7 +9,7 @@ from flint import nmod_mat
 from persid_check.definite import Definite, Root, proof_of, proves
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
-from persid_check.ledger.algebraic import prove_algebraic, refuse_densities
+from persid_check.ledger.algebraic import prove_algebraic
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.further import holds_everywhere, is_incremental
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
@@ -48,7 +48,6 @@ def prove(ledger: Ledger) -> Proved:
         _densities(ledger, p, point)
         _values(ledger, p, point)
     _domains(ledger)
-    refuse_densities(ledger)
     if ledger.model.algebraic or ledger.algebraic is not None:
         prove_algebraic(ledger, ledger.algebraic)
     matrices = assemble(ledger)
@@ -90,7 +89,7 @@ def _discrete_numbers(ledger: Ledger) -> None:
         raise NotProvedError("dropped", "in discrete time no state is dropped")
     if any(mu for point in ledger.points for _, mu in point.densities):
         raise NotProvedError("points", "in discrete time V has no integrals: every density is 0")
-    if ledger.inside or any(fact.kind == "slope" for fact in ledger.facts):
+    if ledger.has_slopes:
         raise NotProvedError("P", "in discrete time P is over the states, and no fact is about slopes")
 
 

@@ -193,6 +193,11 @@ class Ledger:
     proof: Mapping[str, Factor | Root]
     algebraic: Algebraic | None = None
 
+    @property
+    def has_slopes(self) -> bool:
+        """Whether V reads values of functions, or a fact is about slopes along solutions."""
+        return bool(self.inside) or any(fact.kind == "slope" for fact in self.facts)
+
     @cached_property
     def inside_at(self) -> Mapping[int, int]:
         """The place of each channel among those whose values P reads."""

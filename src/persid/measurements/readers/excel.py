@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 from persid._libraries import library
 from persid.errors import DataError
@@ -30,15 +31,7 @@ def excel_table(source: Source, columns: Columns) -> Table:
             table = text_table(Content(str(source), text.getvalue().encode("utf-8")), columns)
             note = f"the sheet {sheet.title!r} of {len(book.worksheets)} was read"
             notes = table.notes if len(book.worksheets) == 1 else (note, *table.notes)
-            return Table(
-                name=table.name,
-                frame=table.frame,
-                label=table.label,
-                names=table.names,
-                units=table.units,
-                notes=notes,
-                headed=table.headed,
-            )
+            return replace(table, notes=notes)
     raise DataError(f"{source}: no sheet holds two rows")
 
 
