@@ -1,4 +1,4 @@
-"""Tests check the shapes in signatures (not with JAXTYPING_DISABLE=1), on one thread, by a clock that counts."""
+"""Tests run on one thread, by a clock that counts; with CHECK_SHAPES=1 calls are held to the shapes in signatures."""
 
 import json
 import os
@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 
 import counting_clock
 import pytest
-from jaxtyping import install_import_hook
 
 from places import SHARED, TRAFFIC
 
 if TYPE_CHECKING:
     from persid.verdicts.verdict import Undecided
 
-install_import_hook(["persid"], "beartype.beartype")
+if os.environ.get("CHECK_SHAPES") == "1":  # which takes twice the time
+    from jaxtyping import install_import_hook
+
+    install_import_hook(["persid"], "beartype.beartype")
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the suite takes a process a core
 counting_clock.install()
 
