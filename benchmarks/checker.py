@@ -15,10 +15,12 @@ from typing import Any
 
 import numpy as np
 
+import persid as ps
+from persid.certificates.curves import Curve, Curves, Use, written_point
 from persid.certificates.encoding import encode, separated
-from persid.certificates.ledger import as_ledger
+from persid.certificates.ledger import draft, with_proof
 from persid.models.sparse import archive
-from persid_check import Accepted, canonical_model, check, model_sha256
+from persid_check import Accepted, canonical_model, check
 
 FUNCTIONS = ("x**3", "sinh(x)", "tanh(x)")
 TARGETS = {100: 1.0, 250: 3.0, 1000: 60.0}
@@ -49,25 +51,16 @@ def certificate(n: int, seed: int = 0) -> tuple[bytes, bytes | None]:
     P = I, mu = 1 on each function and TAU on each pair of (y, f_1, f_2, f_3), found for such models by their
     eigenvalues; the checker says whether they prove it.
     """
-    model = dominant_model(n, seed)
-    forms = [[[int(i == j), 0] for j in range(4)] for i in range(4)]
-    pairs = [[k, l, TAU] for k in range(4) for l in range(k + 1, 4)]
-    group = {"forms": forms, "mu": [[int(k > 0), 0] for k in range(4)], "products": pairs}
-    content, arrays = separated(
-        as_ledger(
-            {
-                "claim": "G",
-                "statement": "benchmark",
-                "model_sha256": model_sha256(model),
-                "model": canonical_model(model),
-                "operating_point": None,
-                "P": {"diagonal": [[1, 0]] * n},
-                "groups": [group] * n,
-                "dropped": [],
-                "gamma": GAMMA,
-            }
-        )
-    )
+    model = ps.PersidskiiModel.from_canonical(canonical_model(dominant_model(n, seed)))
+    forms = [tuple(Fraction(i == j) for j in range(4)) for i in range(4)]
+    curves = Curves()
+    uses = [Use(forms[0]), *(Use(form, Fraction(1)) for form in forms[1:])]
+    curve, at = curves.place(Curve(tuple((f, Fraction(1)) for f in FUNCTIONS), None, None), uses)
+    shares = [[k, [1, 0]] for k in at[1:]]
+    points = [written_point(curve, {i: Fraction(1)}, [i, n + i, 2 * n + i], shares) for i in range(n)]
+    products = [[i, at[k], at[l], TAU] for i in range(n) for k in range(4) for l in range(k + 1, 4)]
+    content = draft(model, "iss", None, curves, points, {"value": products})
+    content, arrays = separated(with_proof(content | {"P": {"diagonal": [[1, 0]] * n}, "gamma": GAMMA}))
     if not arrays:
         return encode(content), None
     beside = archive(arrays)

@@ -8,11 +8,11 @@ import pytest
 
 import persid as ps
 from checker.named import VALID
-from persid.certificates import stability
+from checker.translated import as_ledger
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import encode
-from persid.certificates.ledger import as_ledger, with_proof
-from persid.errors import PersidError, RoundingError
+from persid.certificates.ledger import with_proof
+from persid.errors import PersidError
 from persid_check.version_1.format import WORDS
 from problems import BY_NAME
 
@@ -87,20 +87,16 @@ def test_certify_writes_the_ledger() -> None:
     assert content["curves"][0]["shift"] is not None
 
 
-def test_what_has_no_partition_is_written_as_version_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no ledger can be written, the certificate of version 1 that the checker accepts is the answer."""
-
-    def nothing(*content: object) -> None:
-        raise RoundingError("no proof")
-
-    monkeypatch.setattr(stability, "as_ledger", nothing)
-    verdict = ps.certify(ps.PersidskiiModel([[-1.0]], B=[[1.0]]))
+def test_a_state_that_enters_through_functions_alone_is_a_ledger() -> None:
+    """Of relu(x) and x*abs(x) the one that grows to both sides says that V does."""
+    terms = [("relu(x)", None, [[-1.0]]), ("x*abs(x)", None, [[-1.1]])]
+    verdict = ps.certify(ps.PersidskiiModel([[0.0]], terms, [[0.8]]))
     assert isinstance(verdict, ps.Certified)
-    assert (verdict.certificate.content["format"], verdict.certificate.claim) == (
-        "persid-certificate-1",
-        "rate-and-gain",
-    )
-    assert verdict.margin is None  # version 1 has no place for deviations
+    assert isinstance(verdict.certificate, Certificate)
+    content = verdict.certificate.content
+    ((point, k),) = content["spanning"]
+    assert content["dropped"] == [0]
+    assert content["curves"][content["points"][point]["curve"]]["forms"][k]["is"] in ("rising", "growing")
 
 
 def test_a_region_with_a_sharp_bound_of_an_integral_is_a_ledger() -> None:

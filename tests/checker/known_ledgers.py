@@ -9,7 +9,8 @@ import numpy as np
 
 from checker import known_steps, named
 from checker.ledgers import Sketch, curve, draft, model_object, number, point, seeing, solved
-from persid.certificates.ledger import as_ledger, with_proof
+from checker.translated import as_ledger
+from persid.certificates.ledger import with_proof
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.theorem import centre
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from checker.maker import model as model_object
-from persid.certificates.ledger import dyadic, floats, with_proof, written_cuts
+from persid.certificates.curves import dyadic, written_cuts
+from persid.certificates.ledger import floats, with_proof
 from persid.certificates.outputs import steepness, with_constants
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid_check import canonical_model, model_sha256

@@ -11,13 +11,23 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._dyadics import SLACK, _floor, dyadics, exact
+from persid._dyadics import SLACK, _floor, dyadics
 from persid._dyadics import dyadic as rounded
 from persid._dyadics import rounded as significant
 from persid._files import Json
 from persid.certificates.certificate import Certificate
-from persid.certificates.encoding import heading
-from persid.certificates.ledger import INTEGRABLE, SECTOR, Curve, Curves, Use, dyadic, floats, with_proof
+from persid.certificates.curves import (
+    INTEGRABLE,
+    SECTOR,
+    Curve,
+    Curves,
+    Use,
+    curve_of,
+    dyadic,
+    idle_points,
+    written_point,
+)  # fmt: skip
+from persid.certificates.ledger import draft, floats, with_proof
 from persid.certificates.outputs import described, with_constants
 from persid.certificates.partitions import cuts_of, cuts_of_product
 from persid.certificates.stability import largest
@@ -25,11 +35,11 @@ from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point, steepness
 from persid.lyapunov.practical import Rough
 from persid.lyapunov.proposals import Proposal
+from persid.lyapunov.shifted_model import place
 from persid.lyapunov.unknowns import Label
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
-from persid_check.ledger import FORMAT
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.values import Ledger
@@ -67,38 +77,23 @@ def _content(
     claim = "practical" if isinstance(frame, Rough) else claim
     curves, points, facts, algebraic = _written(proposal)
     absent = [c for c in range(len(frame.model.channels)) if c not in frame.places]
-    for c in absent:
-        channel = frame.model.channels[c]
-        place, _ = curves.place(_idle(channel.text, channel.row, point, frame.model.x_ref), ())
-        row = [[i, dyadic(r)] for i, r in channel.row.items()]
-        points.append({"curve": place, "row": row, "channels": [c], "densities": []})
+    rows = model.rows if isinstance(model, DescriptorModel) else model
+    points += idle_points(curves, rows, absent, place(rows, point, None))
     zero = [i for i in range(n) if i in proposal.zero]
     zero += [n + c for c, at in frame.places.items() if at in proposal.zero]
-    draft = heading(model, claim, "The model is input-to-state stable.") | {
-        "format": FORMAT,
-        "operating_point": None if point is None else point.to_dict(),
-        "curves": curves.written(),
-        "points": points,
-        "facts": facts,
+    content = draft(model, claim, point, curves, points, facts) | {
         "P": _quadratic(proposal),
-        "gamma": [1, 0],
-        "deviations": [],
         "dropped": sorted([*zero, *(n + c for c in absent)]),
-        "spanning": [],
         "kappa": dyadic(proposal.kappa),
-        "p": [0, 0],
         "strips": [[[[i, dyadic(r)] for i, r in row.items()], dyadic(lo), dyadic(hi)] for row, lo, hi in strips],
-        "level": [0, 0],
-        "input_bound": [0, 0],
-        "outputs": [],
-        "proof": {"P": [], "M": [], "V": None},
     }
     if frame.order < n:
-        draft["algebraic"] = algebraic
+        content["algebraic"] = algebraic
     if frame.basis and not each:  # in the user's coordinates floating point may not find them
         gamma = rounded(-_floor(-max(proposal.gamma, 1e-30)))
-        return with_proof(draft | {"gamma": gamma, "p": rounded(_floor(proposal.least)) if proposal.kappa else [0, 0]})
-    return with_proof(draft | _numbers(draft, regional, each))
+        p = rounded(_floor(proposal.least)) if proposal.kappa else [0, 0]
+        return with_proof(content | {"gamma": gamma, "p": p})
+    return with_proof(content | _numbers(content, regional, each))
 
 
 def _quadratic(proposal: Proposal) -> Json:
@@ -116,8 +111,8 @@ def _entries(proposal: Proposal) -> list[list[Fraction]]:
         for j in z[: at + 1]:
             value = proposal.values.get(("P", j, i), Fraction(0))
             for (a, u), (b, v) in product(frame.unit(i).items(), frame.unit(j).items()):
-                for place in {(a, b), (b, a)} if i != j else {(a, b)}:
-                    total[place] = total.get(place, Fraction(0)) + value * u * v * (1 + (i != j and a == b))
+                for entry in {(a, b), (b, a)} if i != j else {(a, b)}:
+                    total[entry] = total.get(entry, Fraction(0)) + value * u * v * (1 + (i != j and a == b))
     return [[total.get((i, j), Fraction(0)) for j in z[: at + 1]] for at, i in enumerate(z)]
 
 
@@ -195,11 +190,10 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[obj
     for p, point in enumerate(frame.points):
         forms = sorted(used[p].kinds)
         uses = [_use(point, k, used[p].kinds[k], k in used[p].densities, frame.sloped) for k in forms]
-        place, numbers = curves.place(curve_of(point), uses)
+        place, numbers = curves.place(curve_of(point.curve), uses)
         at.append(dict(zip(forms, numbers, strict=True)))
         densities = [[at[p][k], _value(proposal, ("mu", p, k))] for k in sorted(used[p].densities)]
-        row = [[i, dyadic(r)] for i, r in point.row.items()]
-        points.append({"curve": place, "row": row, "channels": list(point.channels), "densities": densities})
+        points.append(written_point(place, point.row, point.channels, densities))
     facts: dict[str, list[object]] = {"value": [], "one_signed": [], "difference": [], "constant": []}
     for label, value in proposal.values.items():
         match label:
@@ -268,15 +262,9 @@ def _use(point: Point, k: int, kinds: tuple[str, ...], density: bool, sloped: bo
     return Use(form, Fraction(known.c), Fraction(known.d), False, kinds, square) if density else Use(form, kinds=kinds)
 
 
-def curve_of(point: Point) -> Curve:
-    """Return the curve of a point as a file has it."""
-    curve = point.curve
-    return Curve(tuple(zip(curve.functions, curve.factors, strict=True)), curve.shift, curve.domain)
-
-
 def proved(point: Point) -> Point:
     """Return the point with what is proved of its forms: others leave it, constants that are not proved weaken."""
-    curve = curve_of(point)
+    curve = curve_of(point.curve)
     return replace(point, forms=tuple(found for form in point.forms if (found := _proved(curve, form)) is not None))
 
 
@@ -284,7 +272,7 @@ def proved_far(frame: Rough) -> Rough:
     """Return a frame with the forms that are proved to have their offsets; what is no density then is none."""
     points = []
     for point in frame.points:
-        curve = curve_of(point)
+        curve = curve_of(point.curve)
         forms = (form if form.kind != "offset" else _proved_far(curve, form) for form in point.forms)
         points.append(replace(point, forms=tuple(form for form in forms if form is not None)))
     found = replace(frame, points=tuple(points))
@@ -306,12 +294,12 @@ def _holds(frame: Rough, place: tuple[int, int, int], c: float) -> bool:
     p, k, j = place
     point = frame.points[p]
     first, second = (tuple(Fraction(v) for v in point.forms[i].form) for i in (k, j))
-    return cuts_of_product(curve_of(point).product(first, second, Fraction(c))) is not None
+    return cuts_of_product(curve_of(point.curve).product(first, second, Fraction(c))) is not None
 
 
 def with_squares(point: Point) -> Point:
     """Return the point with bounds of integrals by squares of their own forms, where such are proved."""
-    curve = curve_of(point)
+    curve = curve_of(point.curve)
     forms = [replace(form, square=_square(curve, point, k)) for k, form in enumerate(point.forms)]
     return replace(point, forms=tuple(forms))
 
@@ -359,13 +347,3 @@ def _upper(curve: Curve, form: tuple[Fraction, ...], c: float, free: float) -> f
 def _lower(curve: Curve, form: tuple[Fraction, ...], d: Fraction) -> bool:
     below = (form[0] - d, *form[1:])
     return any(cuts_of(curve.lemma(below, kind), curve.domain) is not None for kind in INTEGRABLE)
-
-
-def _idle(text: str, row: dict[int, Fraction], point: OperatingPoint | None, x_ref: Sequence[Fraction]) -> Curve:
-    """Return the curve of a channel without effect."""
-    if point is None:
-        return Curve(((text, Fraction(1)),), None, None)
-    stored = point.to_dict()
-    centre = sum((r * (exact(stored["x"][i]) - x_ref[i]) for i, r in row.items()), Fraction(0))
-    radius = sum((abs(r) for r in row.values()), Fraction(0)) * exact(stored["radius"])
-    return Curve(((text, Fraction(1)),), (centre, radius), None)

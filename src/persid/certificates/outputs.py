@@ -5,7 +5,7 @@ from math import isfinite
 from typing import Any
 
 from persid._files import Json
-from persid.certificates.ledger import written_cuts
+from persid.certificates.curves import written_cuts
 from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import ModelError, RoundingError
 from persid.lyapunov.sectors import steepest

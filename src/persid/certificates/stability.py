@@ -1,7 +1,7 @@
-"""The certificate of a Lyapunov function.
+"""The certificate of a Lyapunov function with integrals: facts are products of two forms of one point."""
 
-It is a ledger; version 1 is written where a lemma has no partition that is found, and no outputs are bounded.
-"""
+from collections.abc import Iterator
+from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
@@ -11,17 +11,23 @@ from persid._dyadics import _floor, dyadic, dyadics, rounded
 from persid._files import Json, json_object
 from persid.certificates.bounds import above, largest_eigenvalue
 from persid.certificates.certificate import Certificate
-from persid.certificates.encoding import encode, factor, heading
-from persid.certificates.ledger import as_ledger
+from persid.certificates.curves import Curves, Use, curve_of, idle_points, written_point
+from persid.certificates.curves import dyadic as exactly
+from persid.certificates.encoding import encode
+from persid.certificates.ledger import draft, with_proof
 from persid.certificates.outputs import described, with_constants
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
-from persid.lyapunov.sectors import Group, nondecreasing_pool
+from persid.lyapunov.points import written
+from persid.lyapunov.sectors import Place
+from persid.lyapunov.shifted_model import place
 from persid.lyapunov.system import System
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
+
+_ZERO = Fraction(0)
 
 
 def prove(
@@ -34,22 +40,17 @@ def prove(
     """Return the certificate that the checker accepts: of a region with a box, with the rate if there is one.
 
     With a rate it bounds the outputs, if there are any. Where V allows for deviations it speaks of every plant within
-    them. Version 1 has no place for either.
+    them.
 
     Raises:
-        RejectedError: the checker accepts it in neither format, or not with the outputs.
-        RoundingError: a matrix is not positive definite in floating point.
+        RejectedError: the checker does not accept it.
+        RoundingError: a lemma is not proved, or a matrix is not positive definite in floating point.
     """
-    content = version_1(model, lyapunov, point, box)
-    if outputs is not None and "kappa" in content:  # of the model itself: deviations only make its inequality harder
-        return Certificate.of(with_constants(as_ledger(content, outputs=described(outputs))))
+    content = _content(model, lyapunov, point, box)
+    if outputs is not None and lyapunov.kappa > 0:  # of the model itself: deviations only make its inequality harder
+        return Certificate.of(with_constants(with_proof(content | {"outputs": described(outputs)})))
     deviations = [_deviation(*pair) for pair in zip(lyapunov.deviations, lyapunov.s, strict=True)]
-    try:
-        return Certificate.of(as_ledger(content, deviations))
-    except (RejectedError, RoundingError):
-        if deviations or model.is_discrete:  # version 1 knows neither
-            raise
-        return Certificate.accept(encode(content))
+    return Certificate.of(with_proof(content | {"deviations": deviations}))
 
 
 def with_constant(certificate: Certificate, epsilon: float) -> Certificate:
@@ -70,46 +71,88 @@ def with_constant(certificate: Certificate, epsilon: float) -> Certificate:
     return Certificate.accept(encode(changed), certificate.arrays)
 
 
-def version_1(
-    model: PersidskiiModel,
-    lyapunov: Lyapunov,
-    point: OperatingPoint | None = None,
-    box: Float[ndarray, "n 2"] | None = None,
+def _content(
+    model: PersidskiiModel, lyapunov: Lyapunov, point: OperatingPoint | None, box: Float[ndarray, "n 2"] | None
 ) -> Json:
-    """Return the content of version 1: claim R with a box, claim E with a rate, else G (all states kept) or M."""
-    system, states = lyapunov.system, list(lyapunov.system.states)
+    """Return what is claimed: a region with a box, a rate and a gain with a rate, else stability without numbers."""
     rate, regional = lyapunov.kappa > 0, box is not None
-    claim = "R" if regional else "E" if rate else "G" if len(states) == model.n else "M"
-    side, push, Gamma, gamma = _inputs(lyapunov)
-    block = np.block([[lyapunov.decrease, -side], [-side.T, Gamma - push]])
-    below = lyapunov.below[np.ix_(states, states)]
-    p = _floor(np.linalg.eigvalsh(below)[0]) if rate else 0.0
-    content: Json = {
-        **heading(
-            model,
-            claim,
-            f"The model is input-to-state stable ({'in a region' if regional else 'for all initial states'}).",
-        ),
-        "operating_point": None if point is None else point.to_dict(),
-        "P": _stored(lyapunov.P),
-        "groups": [_group(group, part, claim) for group, part in zip(system.groups, lyapunov.chosen, strict=True)],
-        "dropped": [i for i in range(model.n) if i not in states] + _absent(model, system),
-        "gamma": gamma,
-    }
+    below = lyapunov.below[np.ix_(lyapunov.system.states, lyapunov.system.states)]
+    Gamma, gamma = _gamma(lyapunov)
+    curves = Curves()
+    points, products = _points(model, lyapunov, place(model, point, box), curves)
+    content = draft(
+        model, "region" if regional else "rate-and-gain" if rate else "iss", point, curves, points, {"value": products}
+    )
+    content |= {"P": _stored(lyapunov.P), "gamma": gamma, "dropped": _dropped(model, lyapunov.system)}
+    content["spanning"] = _spanning(model, content)
     if rate:
-        content |= {"kappa": dyadic(lyapunov.kappa), "p": dyadic(p)}
-    if claim == "E" and _is_incremental(lyapunov):
-        content["incremental"] = True
-    if box is not None:
-        here = OperatingPoint(model.x_ref, 0.0, model.u_ref) if point is None else point
-        level = _floor(float((here.reach(box) ** 2 / np.diag(np.linalg.inv(below))).min()))
-        room = lyapunov.kappa * level - float(lyapunov.s @ [d.epsilon**2 for d in lyapunov.deviations])
-        if room <= 0:
-            raise RoundingError("the constant part of the deviations drives the state out of the region")
-        bound = _floor(np.sqrt(room / largest(Gamma)))
-        content |= {"box": [dyadics(side) for side in box], "level": dyadic(level), "input_bound": dyadic(bound)}
-    content["proof"] = {"P": factor(below - p * np.eye(len(below))), "Q": factor(block)}
-    return content
+        content |= {"kappa": dyadic(lyapunov.kappa), "p": dyadic(_floor(np.linalg.eigvalsh(below)[0]))}
+    if box is None:
+        return content
+    here = OperatingPoint(model.x_ref, 0.0, model.u_ref) if point is None else point
+    level = _floor(float((here.reach(box) ** 2 / np.diag(np.linalg.inv(below))).min()))
+    room = lyapunov.kappa * level - float(lyapunov.s @ [d.epsilon**2 for d in lyapunov.deviations])
+    if room <= 0:
+        raise RoundingError("the constant part of the deviations drives the state out of the region")
+    bound = _floor(np.sqrt(room / largest(Gamma)))
+    return content | {
+        "strips": _strips(content, Place.about(here.x, model.x_ref, here.radius, box)),
+        "level": dyadic(level),
+        "input_bound": dyadic(bound),
+    }
+
+
+def _points(
+    model: PersidskiiModel, lyapunov: Lyapunov, at: Place | None, curves: Curves
+) -> tuple[list[Json], list[object]]:
+    """Return the points of the groups, with their shares of V, and the products of their forms."""
+    points, products, system = list[Json](), list[object](), lyapunov.system
+    spans = not lyapunov.kappa and len(system.states) < system.n
+    for group, part in zip(system.groups, lyapunov.chosen, strict=True):
+        if not group.channels:
+            continue
+        k, row, stretched = written(group)
+        place, numbers = curves.place(curve_of(stretched), list(_uses(part, k, lyapunov.kappa > 0, spans)))
+        shares = [[at, exactly(Fraction(mu) * k)] for at, mu in zip(numbers, part.mu.tolist(), strict=True) if mu]
+        products += [[len(points), numbers[i], numbers[j], dyadic(tau)] for i, j, tau in part.products]
+        points.append(written_point(place, row, group.channels, shares))
+    return points + idle_points(curves, model, _absent(model, system), at), products
+
+
+def _uses(part: Chosen, k: Fraction, rate: bool, spans: bool) -> Iterator[Use]:
+    """Return how a group uses its forms, over y/k; those in V have their constants."""
+    bounds = zip(part.upper.tolist(), part.lower.tolist(), strict=True)
+    for form, mu, (c, d) in zip(part.forms.tolist(), part.mu.tolist(), bounds, strict=True):
+        over = (Fraction(form[0]) * k, *map(Fraction, form[1:]))
+        yield Use(over, Fraction(c) if rate else None, Fraction(d) * k if rate else _ZERO, spans) if mu else Use(over)
+
+
+def _dropped(model: PersidskiiModel, system: System) -> list[int]:
+    states = [i for i in range(model.n) if i not in system.states]
+    return states + [model.n + c for c in _absent(model, system)]
+
+
+def _spanning(model: PersidskiiModel, content: Json) -> list[list[int]]:
+    """Return forms in V that grow without bound and read nothing that is dropped, one of each point."""
+    dropped, found = set(content["dropped"]), []
+    if not any(i < model.n for i in dropped):
+        return []
+    for p, point in enumerate(content["points"]):
+        for k, _ in point["densities"]:
+            form = content["curves"][point["curve"]]["forms"][k]
+            reads = {model.n + c for c, v in zip(point["channels"], form["l"][1:], strict=True) if v[0]}
+            reads |= {i for i, _ in point["row"]} if form["l"][0][0] else set()
+            if form["is"] in ("rising", "growing") and not reads & dropped:
+                found.append([p, k])
+                break
+    return found
+
+
+def _strips(content: Json, at: Place) -> list[object]:
+    """Return the sides of the box, but for those that stand as the domain of a point."""
+    sides = [([[i, [1, 0]]], [exactly(lo), exactly(hi)]) for i, (lo, hi) in enumerate(at.box or ())]
+    standing = [(point["row"], content["curves"][point["curve"]]["domain"]) for point in content["points"]]
+    return [[row, *ends] for row, ends in sides if (row, ends) not in standing]
 
 
 def _deviation(deviation: Deviation, s: float) -> Json:
@@ -119,23 +162,13 @@ def _deviation(deviation: Deviation, s: float) -> Json:
     return {**lists, "s": dyadic(float(s)), "epsilon": dyadic(deviation.epsilon)}
 
 
-def _is_incremental(lyapunov: Lyapunov) -> bool:
-    """Whether V has no integrals and uses forms that were made to be nondecreasing: it holds for any two solutions."""
-    parts = zip(lyapunov.system.groups, lyapunov.chosen, strict=True)
-    return all(
-        not part.mu.any() and all(tuple(form.tolist()) in nondecreasing_pool(group.curve) for form in part.forms)
-        for group, part in parts
-    )
-
-
-def _inputs(lyapunov: Lyapunov) -> tuple[ndarray, ndarray, ndarray, object]:
-    """Return crossing, push and Gamma in the user's units, and Gamma as the file has it: gamma I, or a matrix."""
-    side, push, units = lyapunov.crossing, lyapunov.push, lyapunov.units
+def _gamma(lyapunov: Lyapunov) -> tuple[ndarray, object]:
+    """Return Gamma in the user's units, and as the file has it: gamma I, or a matrix."""
+    units = lyapunov.units
     if units is None:
-        return side, push, lyapunov.gamma * np.eye(side.shape[1]), dyadic(lyapunov.gamma)
+        return lyapunov.gamma * np.eye(lyapunov.crossing.shape[1]), dyadic(lyapunov.gamma)
     Gamma = rounded(lyapunov.coupling / units / units[:, None])
-    stored = {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}
-    return side / units, push / units / units[:, None], Gamma, stored
+    return Gamma, {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}
 
 
 def largest(Gamma: ndarray) -> float:
@@ -153,20 +186,4 @@ def _stored(P: ndarray) -> Json:
 
 def _absent(model: PersidskiiModel, system: System) -> list[int]:
     present = set(system.channels)
-    return [model.n + c for c in range(len(model.channels.functions)) if c not in present]
-
-
-def _group(group: Group, part: Chosen, claim: str) -> Json:
-    """Write a group: its forms over (y, every member), zero at members without effect."""
-    forms = np.zeros((len(part.forms), 1 + len(group.members)))
-    forms[:, [0, *(1 + group.members.index(c) for c in group.channels)]] = part.forms
-    stored: Json = {
-        "forms": [dyadics(form) for form in forms],
-        "mu": dyadics(part.mu),
-        "products": [[k, j, dyadic(tau)] for k, j, tau in part.products],
-    }
-    if claim in ("E", "R"):
-        stored["integral"] = [dyadic(c) if mu else None for c, mu in zip(part.upper, part.mu, strict=True)]
-    if claim == "R":
-        stored["quadratic"] = [dyadic(d) if mu else None for d, mu in zip(part.lower, part.mu, strict=True)]
-    return stored
+    return [c for c in range(len(model.channels.functions)) if c not in present]

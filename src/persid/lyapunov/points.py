@@ -18,6 +18,7 @@ from persid.lyapunov.integrals import lower_constants, upper_constants
 from persid.lyapunov.sectors import (
     LARGEST_VALUE,
     Curve,
+    Group,
     Place,
     _is_near,
     _samples,
@@ -106,18 +107,27 @@ def points_of(model: PersidskiiModel, place: Place | None) -> tuple[Point, ...]:
     found = []
     for group in groups(model.channels, place):
         if group.channels:
-            row = {int(i): Fraction(float(group.row[i])) for i in np.flatnonzero(group.row)}
-            k = _common(row, group.curve.factors)
-            curve = _stretched(group.curve, k)
-            found.append(Point({i: v / k for i, v in row.items()}, curve, group.channels, known(curve)))
+            _, row, curve = written(group)
+            found.append(Point(row, curve, group.channels, known(curve)))
     return tuple(found)
 
 
+def written(group: Group) -> tuple[Fraction, Row, Curve]:
+    """Return k, the row r/k and the curve over y/k, all dyadic as files write them."""
+    row = {int(i): Fraction(float(group.row[i])) for i in np.flatnonzero(group.row)}
+    k = _common(row, group.curve.factors)
+    return k, {i: v / k for i, v in row.items()}, _stretched(group.curve, k)
+
+
 def _common(row: Row, factors: Iterable[Fraction]) -> Fraction:
-    """Return k for which r/k and the factors times k are dyadic: 1 where they are."""
+    """Return k for which r/k and the factors times k are dyadic: 1 where they are, else nearly 1.
+
+    The cuts of lemmas lie about 1, where functions of arguments of the size of r'x bend.
+    """
     if all(map(is_dyadic, factors)) or not row:
         return Fraction(1)
-    return Fraction(gcd(*(value.numerator for value in row.values())))
+    common = gcd(*(value.numerator for value in row.values()))
+    return Fraction(common, 1 << common.bit_length())
 
 
 def _stretched(curve: Curve, k: Fraction) -> Curve:
