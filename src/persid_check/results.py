@@ -9,8 +9,9 @@ class Accepted:
 
     `claim` is a word: "iss", "rate-and-gain", "region", "practical", "refuted", "infeasible", or for networks "L1" and
     "L1-infeasible". `further` names what holds beyond it: "incremental" (between any two solutions) and "everywhere"
-    (about every equilibrium of every constant input, with the same numbers), "feedback" (how much of an output may come
-    back to the inputs).
+    (about every equilibrium of every constant input, with the same numbers), "members" (the same of every model with
+    coefficients within the deviations, about its own equilibria), "feedback" (how much of an output may come back to
+    the inputs).
 
     Examples:
         >>> certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate

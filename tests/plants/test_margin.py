@@ -61,6 +61,50 @@ def test_what_the_data_contradict_needs_a_larger_constant_part() -> None:
     assert theirs.certificate.spread == theirs.spread > 0
 
 
+def test_every_model_that_the_data_allow_is_certified() -> None:
+    """The coefficients of the known plant lie in the set, rho is above 1, and the checker speaks of every member."""
+    found = ps.plant_margin(_fit(), _verdict(), _data())
+    model, certificate = _fit().model_, found.models.certificate
+    assert found.models.rho > 1
+    assert "for every constant input it has exactly one equilibrium" in certificate.statement
+    assert f"all within {found.models.rho:.3g} times that set" in str(found)
+    assert isinstance(ps.check(certificate, model), ps.Accepted)
+    off = np.hstack([PLANT.A0 - model.A0, PLANT.B - model.B])
+    for d, deviation in zip(off, certificate.stated.deviations, strict=True):
+        C = np.array([[float(row.get(i, 0)) for i in range(3)] for row in deviation.C])
+        h = np.linalg.lstsq(C.T, d, rcond=None)[0]  # d = C'h, |h| <= 1
+        assert np.allclose(C.T @ h, d)
+        assert np.linalg.norm(h) <= 1 / found.models.rho
+
+
+def test_where_data_leave_coefficients_open_no_set_is_certified() -> None:
+    """An input that is held for the whole record is not told from a constant: any B explains it."""
+    t = 0.05 * np.arange(800)
+    rng = np.random.default_rng(2)
+    x = PLANT.simulate([3.0, -2.0], t, np.ones((800, 1)))[0].x + 1e-3 * rng.normal(size=(800, 2))
+    data = ps.Trajectories.from_arrays(x, np.ones((800, 1)), t=t)
+    assert margin_of(ps.certify(PLANT), data, Reading()).models is None
+
+
+def test_a_linear_term_is_no_column_of_its_own() -> None:
+    """A model that writes a part of A0 as a term with f = x has the same estimate."""
+    terms = [("x", None, np.diag([-0.5, -0.5]))]
+    written = ps.PersidskiiModel(PLANT.A0 + np.diag([0.5, 0.5]), terms, PLANT.B)
+    assert margin_of(ps.certify(written), _data(), Reading()).share == 1
+
+
+def test_of_what_cannot_be_told_apart_a_part_is_certified() -> None:
+    """Without a push of the input x and tanh x are all but one column: rho is below 1, and the sentence says so."""
+    rng = np.random.default_rng(5)
+    plant = ps.PersidskiiModel([[-1.0]], B=[[1.0]])
+    clean = plant.simulate([1.0], 0.05 * np.arange(400), 0.2 * rng.normal(size=(400, 1)))[0]
+    data = ps.Trajectories.from_arrays(clean.x + 1e-2 * rng.normal(size=clean.x.shape), clean.u, t=clean.t)
+    fit = ps.PersidskiiIdentifier(["x", "tanh(x)"], ridge=1e-2).fit(data)
+    found = ps.plant_margin(fit, ps.certify(fit.model_), data)
+    assert 0 < found.models.rho < 1
+    assert "only those within" in str(found)
+
+
 def test_bounded_noise_needs_no_statistics() -> None:
     """With bounded noise the known plant obeys what the linear programmes leave, which shrinks with the bound."""
     wide, narrow = (
@@ -69,7 +113,7 @@ def test_bounded_noise_needs_no_statistics() -> None:
     assert 0 <= narrow.epsilon < wide.epsilon
     assert "noise within the given bounds" in str(wide)
     assert wide.alarms == ()
-    assert 0 < wide.share < 0.95  # of the places that were looked at: the others count for nothing
+    assert 0.9 < wide.share < 1  # of the places that were looked at: the others count for nothing
     with pytest.raises(DataError, match="raise bound="):
         ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=1e-6)
 
@@ -93,8 +137,12 @@ def test_the_command_line_takes_bounds_of_the_noise(tmp_path: Path, capsys: pyte
     _fit().model_.save(tmp_path / "m.json")
     words = ["certify", str(tmp_path / "m.json"), "-o", str(tmp_path / "c.json"), "--json"]
     said = {}
+    models = tmp_path / "models.json"
     for noise, more in (("random", []), ("bounded", ["--bound", "0.02,0.02"])):
-        assert cli.main([*words, "--plant", str(tmp_path / "run.csv"), *more]) == 0
+        assert cli.main([*words, "--plant", str(tmp_path / "run.csv"), "--models", str(models), *more]) == 0
         said[noise] = json.loads(capsys.readouterr().out)["plant"]
         assert said[noise]["noise"] == noise
+        assert models.is_file() == (noise == "random")
+        assert (said[noise]["models_file"] is None) == (noise == "bounded")
     assert said["random"]["epsilon"] < said["bounded"]["epsilon"]
+    assert said["random"]["models"]["rho"] > 1

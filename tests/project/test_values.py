@@ -11,6 +11,7 @@ import pytest
 import persid as ps
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.plants.alarms import Alarm
+from persid.plants.members import CertifiedModels
 from persid.reports.output_runs import OutputScores
 from persid.studies.tables import Table
 from persid.verdicts.evidence import Evidence
@@ -66,8 +67,10 @@ def test_a_plant_margin_comes_back_with_its_certificate() -> None:
     """The certificate is a file of its own; all else is in the object."""
     certificate = ps.certify(ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])).certificate
     for kept in (certificate, None):
-        margin = ps.PlantMargin(0.25, 0.5, 0.95, kept, 12, 0.75, (Alarm("hold", "try the other one"),), "random")
-        again = ps.PlantMargin.from_dict(json.loads(json.dumps(margin.to_dict())), kept)
+        models = None if kept is None else CertifiedModels(1.5, kept)
+        alarms = (Alarm("hold", "try the other one"),)
+        margin = ps.PlantMargin(0.25, 0.5, 0.95, kept, 12, 0.75, alarms, "random", models)
+        again = ps.PlantMargin.from_dict(json.loads(json.dumps(margin.to_dict())), kept, kept)
         assert again.to_dict() == margin.to_dict()
         assert str(again) == str(margin)
         assert again.certificate is kept

@@ -27,9 +27,11 @@ from persid.commands.exit_codes import (
 from persid.commands.options import FILE, NEW_FILE, Numbers, batching, proving, talking
 
 if TYPE_CHECKING:
+    from persid.certificates.margin import Margin
     from persid.models.descriptor import DescriptorModel
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
+    from persid.plants.members import CertifiedModels
     from persid.verdicts.batches import Answer
     from persid.verdicts.verdict import Verdict
 
@@ -82,13 +84,21 @@ if TYPE_CHECKING:
     help="With --plant: measurement noise of at most so much, one number or one a state: linear programmes over all "
     "models that it allows, no statistics.",
 )
+@click.option(
+    "--models",
+    "allowed",
+    type=NEW_FILE,
+    help="With --plant: write the certificate of every model with coefficients that the data allow, or of the part of "
+    "them that is certified.",
+)
 @click.option("--explain", is_flag=True, help="Print every attempt at a verdict, with its outcome and its time.")
 @batching
 @talking
 def certify(
     *, models: tuple[Path, ...], output: Path, operating_point: object, u_op: object, domain: str, time_limit: float,
     rate: float | None, gains: str, claim: str, device: str, plants: Path | None, plant: tuple[Path, ...], hold: str,
-    bound: list[float] | None, explain: bool, jobs: int, engine: str, scheduler: str | None, as_json: bool, quiet: bool,
+    bound: list[float] | None, allowed: Path | None, explain: bool, jobs: int, engine: str, scheduler: str | None,
+    as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Decide whether models are input-to-state stable, and write the proofs.
 
@@ -110,11 +120,13 @@ def certify(
     targets = _targets(models, output)
     if plant and len(models) > 1:
         raise click.UsageError("--plant goes with one model")
+    if allowed is not None and not plant:
+        raise click.UsageError("--models needs --plant: the measurements that say which models are allowed")
     asked = question(operating_point, u_op, domain, time_limit, rate)
     asked |= {"gains": gains, "claim": claim, "device": device}
     alone = read_any_model(models[0]) if len(models) == 1 else None
     beside: list[Path | None] = [None] * len(models) if plants is None else [*_targets(models, plants)]
-    for target in (*targets, *filter(None, beside)):
+    for target in (*targets, *filter(None, (*beside, allowed))):
         refuse_unwritable(target)
     with talk.progress() as progress:
         if alone is not None:
@@ -126,10 +138,10 @@ def certify(
     for path, verdict, target, second in zip(models, verdicts, targets, beside, strict=True):
         facts, lines, code = _told(path, verdict, target, explain, rate)
         if plant:
-            facts["plant"], more = _plant(verdict, alone, plant, hold, bound)
+            facts["plant"], more = _plant(verdict, alone, plant, hold, bound, allowed)
             lines += more
         if second is not None:
-            facts["plants"] = _write_plants(verdict, second)
+            facts["plants"] = _write_beside(getattr(verdict, "margin", None), second)
             lines.append(("plants file", facts["plants"] or "none written"))
         found.append({"model": str(path), **facts})
         rows += [("model", str(path)), *lines]
@@ -227,29 +239,34 @@ def _write_proof(
 
 
 def _plant(
-    verdict: Any, model: Any, files: tuple[Path, ...], hold: str, bound: list[float] | None
-) -> tuple[object, list[tuple[str, str]]]:
+    verdict: Any, model: Any, files: tuple[Path, ...], hold: str, bound: list[float] | None, allowed: Path | None
+) -> tuple[Json | None, list[tuple[str, str]]]:
     """Return what measurements say of the plant, for programs and for people; nothing of a model without a margin."""
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.plants.margin import Reading, margin_of
 
     if getattr(verdict, "margin", None) is None:
+        if allowed is not None:
+            _write_beside(None, allowed)
         return None, [("of the plant", "nothing: the model has no residual margin")]
     data = read_measurements(files_of(list(files)), states=list(model.states), inputs=list(model.inputs))
     size = bound[0] if bound is not None and len(bound) == 1 else bound
     found = margin_of(verdict, data, Reading(hold, noise="random" if bound is None else "bounded", bound=size))
-    return found.to_dict(), [("of the plant", str(found))]
+    facts, lines = found.to_dict(), [("of the plant", str(found))]
+    if allowed is not None:
+        facts["models_file"] = _write_beside(found.models, allowed)
+        lines.append(("models file", facts["models_file"] or "none written"))
+    return facts, lines
 
 
-def _write_plants(verdict: object, target: Path) -> str | None:
-    """Write the certificate of every plant within the residual margin, where there is one; an old one goes."""
-    margin = getattr(verdict, "margin", None)
-    if margin is None:
+def _write_beside(said: "Margin | CertifiedModels | None", target: Path) -> str | None:
+    """Write the certificate of what is said of plants or of models, where there is one; an old one goes."""
+    if said is None:
         target.unlink(missing_ok=True)
         return None
     target.parent.mkdir(parents=True, exist_ok=True)
-    margin.certificate.save(target)
+    said.certificate.save(target)
     return str(target)
 
 

@@ -47,7 +47,8 @@ class Dictionary:
     def values(self, x: Float[ndarray, "N n"]) -> Float[ndarray, "N p"]:
         """Return the columns that depend on x."""
         dx = x - self.model.x_ref
-        return np.hstack([dx, *(term.values(dx) for term in self.model.terms)])
+        bent = (term.values(dx)[:, [not f.is_linear for f in term.f]] for term in self.model.terms)
+        return np.hstack([dx, *bent])
 
     def columns(self, x: Float[ndarray, "N n"], u: Float[ndarray, "N m"]) -> Float[ndarray, "N p"]:
         """Return all columns."""
@@ -112,7 +113,8 @@ class Estimate:
     """Coefficients theta (p, n), their covariance per equation, and the p-value of the instruments' agreement.
 
     `used` are the columns that each equation may have; `agreement` is 1 where no instrument is left over; `influence`
-    is what each block moves theta by, psi_b.
+    is what each block moves theta by, psi_b. Where an equation is not `resolved`, some combination of its columns is
+    the same in all data, such as a held input and 1: of that its coefficients, and their covariance, say nothing.
     """
 
     theta: Float[ndarray, "p n"]
@@ -121,6 +123,7 @@ class Estimate:
     blocks: int
     agreement: Float[ndarray, " n"]
     residual: Float[ndarray, "K n"]
+    resolved: Bool[ndarray, " n"]
 
     @cached_property
     def covariance(self) -> Float[ndarray, "n p p"]:
@@ -142,6 +145,12 @@ class Estimate:
         variance = np.einsum("kp,npq,kq->kn", phi, self.covariance, phi)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0) * self.quantile(confidence)))
 
+    def distance(
+        self, phi: Float[ndarray, "K p"], F: Float[ndarray, "K n"], confidence: float, bias: Float[ndarray, "p n"]
+    ) -> Float[ndarray, "K n"]:
+        """Return how far x' may be from F, in state units per s: the band, about an estimate off by at most `bias`."""
+        return np.asarray(np.abs(phi @ self.theta - F) + self.band(phi, confidence) + np.abs(phi @ bias))
+
 
 def estimate(windows: Windows, used: Bool[ndarray, "p n"]) -> Estimate:
     """Return the estimate of the equations of which any column is used.
@@ -157,20 +166,22 @@ def estimate(windows: Windows, used: Bool[ndarray, "p n"]) -> Estimate:
             "measure longer, or give fewer functions"
         )
     theta, influence = np.zeros((p, n)), np.zeros((n, nb, p))
-    agreement, residual = np.ones(n), np.zeros_like(windows.y)
+    agreement, residual, resolved = np.ones(n), np.zeros_like(windows.y), np.ones(n, bool)
     Z = np.linalg.qr(windows.Z / np.maximum(np.linalg.norm(windows.Z, axis=0), 1e-300))[0]
     for i in np.flatnonzero(used.any(axis=0)):
         X = windows.X[:, used[:, i]]
         scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
         P = Z.T @ (X / scale)
         inverse = np.linalg.pinv(P, rcond=RESOLVED)
+        sizes = np.linalg.svd(P, compute_uv=False)
+        resolved[i] = sizes[-1] > RESOLVED * sizes[0]
         own = inverse @ (Z.T @ windows.y[:, i]) / scale
         residual[:, i] = windows.y[:, i] - X @ own
         scores = windows.sums(Z * residual[:, i : i + 1])
         theta[used[:, i], i] = own
         influence[i][:, used[:, i]] = scores @ inverse.T / scale
         agreement[i] = _agreement(scores, P)
-    return Estimate(theta, influence, used, nb, agreement, residual)
+    return Estimate(theta, influence, used, nb, agreement, residual, resolved)
 
 
 def _agreement(scores: Float[ndarray, "b z"], P: Float[ndarray, "z p"]) -> float:

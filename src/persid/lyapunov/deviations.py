@@ -12,13 +12,15 @@ weighted sum of pairs of the rows of C and of the unit rows of w. Specification:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from persid.errors import ModelError
+
+NEGLIGIBLE = 1e-14  # share of the largest eigenvalue, in units of the diagonal, that is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,20 @@ class Deviation:
         C = np.zeros((len(width), size))
         C[:, : len(width)] = np.diag(np.nextafter(delta / width, np.inf))
         return cls(np.diag(width)[:, np.flatnonzero(free)], C, epsilon)
+
+    @classmethod
+    def of_row(cls, i: int, n: int, S: Float[ndarray, "Z Z"]) -> "Deviation":
+        """Return the ellipsoid of coefficients d with (d'zeta)^2 <= zeta'S zeta, S >= 0, of equation i of n."""
+        unit = np.sqrt(np.diag(S))
+        unit[unit == 0] = 1.0
+        values, vectors = np.linalg.eigh(S / unit / unit[:, None])
+        kept = values > values[-1] * NEGLIGIBLE
+        C = (np.sqrt(values[kept])[:, None] * vectors[:, kept].T) * unit
+        return cls(np.eye(n)[:, [i]], np.where(np.diag(S) > 0, C, 0.0))
+
+    def times(self, rho: float) -> "Deviation":
+        """Return the same with a bound that is rho times as large."""
+        return replace(self, C=rho * self.C, epsilon=rho * self.epsilon)
 
     def columns(self, states: Sequence[int], channels: Sequence[int], inputs: int) -> Float[ndarray, "c N"]:
         """Return the columns of C at the entries (z, u - u*) of an inequality that holds these states and channels.

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy import stats
 
@@ -46,6 +47,20 @@ class Evidence:
             return windows, estimate(windows, self.found.used)
         except UnderdeterminedError:
             return None
+
+    @cached_property
+    def moved(self) -> Float[ndarray, "p n"] | None:
+        """By how much the coefficients move where every second sample is left out; None where too few are left."""
+        halved = Trajectories(tuple(every_second(self.data)), self.data.states, self.data.inputs)
+        again = self.again(halved, max(2, self.windows.window // 4 * 2), self.hold)
+        return None if again is None else again[1].theta - self.found.theta
+
+    @property
+    def quadrature(self) -> Float[ndarray, "p n"]:
+        """How far the error of integrals may have moved the coefficients: of order h^2 or higher, so by a third of
+        what steps of 2 h move them; 0 where that is not known.
+        """
+        return np.zeros_like(self.found.theta) if self.moved is None else self.moved / 3
 
 
 def alarms(about: Evidence) -> Iterator[Alarm]:
@@ -121,14 +136,11 @@ def _other_hold(about: Evidence) -> Iterator[Alarm]:
 
 def _quadrature(about: Evidence) -> Iterator[Alarm]:
     """With every second sample left out the integrals, and the coefficients, are others."""
-    halved = Trajectories(tuple(every_second(about.data)), about.data.states, about.data.inputs)
-    window = max(2, about.windows.window // 4 * 2)
-    again = about.again(halved, window, about.hold)
-    if again is None:
+    if about.moved is None:
         return
     phi = about.windows.X / about.windows.X[:, -1:]  # the mean of the columns over each window
     phi = phi[:: max(1, len(phi) // 2000)]
-    moved = np.abs(phi @ (again[1].theta - about.found.theta))
+    moved = np.abs(phi @ about.moved)
     matters = MATTERS * np.sqrt(((phi @ about.found.theta) ** 2).mean(axis=0))
     share = (moved > np.maximum(about.found.band(phi, about.confidence), matters)).mean(axis=0)
     outside = about.found.used.any(axis=0) & (share > APART)

@@ -3,10 +3,11 @@
 Proved is a sentence about every plant with |g / width|^2 <= delta^2 |(x - x*) / width|^2 + epsilon^2. What the data say
 of g = x' - F(x, u) is a band in the space of functions (`estimates`): at every (x, u) between the samples
 
-    |g_i| <= |(theta_i'phi - F_i)(x, u)| + sqrt(quantile phi' Cov_i phi),
+    |g_i| <= |(theta_i'phi - F_i)(x, u)| + sqrt(quantile phi' Cov_i phi) + |q_i'phi|,
 
-so epsilon^2 is the largest of band^2 - delta^2 |(x - x*) / width|^2 that is found there. It is an estimate, printed as
-one: measured coverage of bands of nominal 99 % is about 95 % where the assumptions hold, so that is what is taken.
+q_i what errors of integrals may have moved theta_i by (`alarms`), so epsilon^2 is the largest of
+band^2 - delta^2 |(x - x*) / width|^2 that is found there. It is an estimate, printed as one: measured coverage of bands
+of nominal 99 % is about 95 % where the assumptions hold, so that is what is taken.
 """
 
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
 from persid.plants.alarms import Alarm, Evidence, alarms
 from persid.plants.bounded import Places, bounded_band
+from persid.plants.members import CertifiedModels, certified_models
 from persid.verdicts.verdict import Certified, Verdict
 
 OPTIMISM = 5.0  # bands of confidence 1 - a cover with probability 1 - OPTIMISM a, as measured: .99 for about .95
@@ -40,7 +42,9 @@ class PlantMargin:
     `delta` and `epsilon` (1/s) are in half widths of the data. `spread` (state units) is the distance from x* at which
     the state stays in the long run without input, proved for every plant within them. At a `share` of the places
     between the samples epsilon would not be needed; `alarms` are signs that what the estimate assumes does not hold.
-    `certificate` is None where so large an epsilon leaves nothing to prove.
+    `certificate` is None where so large an epsilon leaves nothing to prove. `models` says which multiple of the set of
+    all coefficients that the data allow is certified, each model about its own equilibria: the sharper statement where
+    functions are few; None with bounded noise, and where no multiple is found.
 
     Examples:
         >>> data = ps.read_csv("examples/traffic.csv", time="t", states=["x1", "x2"], inputs=["u"])
@@ -58,6 +62,7 @@ class PlantMargin:
     share: float
     alarms: tuple[Alarm, ...]
     noise: str
+    models: CertifiedModels | None = None
 
     @property
     def spread(self) -> float | None:
@@ -68,13 +73,20 @@ class PlantMargin:
         """Return the object that `--json` prints; the certificate is a file of its own."""
         doubts = [{"kind": alarm.kind, "text": alarm.text} for alarm in self.alarms]
         numbers = {"delta": self.delta, "epsilon": self.epsilon, "confidence": self.confidence, "spread": self.spread}
-        return numbers | {"blocks": self.blocks, "share": self.share, "noise": self.noise, "alarms": doubts}
+        models = None if self.models is None else self.models.to_dict()
+        return numbers | {
+            "blocks": self.blocks, "share": self.share, "noise": self.noise, "alarms": doubts, "models": models,
+        }  # fmt: skip
 
     @classmethod
-    def from_dict(cls, data: Json, certificate: Certificate | None) -> "PlantMargin":
-        """Return what `to_dict` was called on, with the certificate that was read beside it."""
+    def from_dict(
+        cls, data: Json, certificate: Certificate | None, of_models: Certificate | None = None
+    ) -> "PlantMargin":
+        """Return what `to_dict` was called on, with the certificates that were read beside it."""
         kept = {name: data[name] for name in ("delta", "epsilon", "confidence", "blocks", "share", "noise")}
-        return cls(**kept, certificate=certificate, alarms=tuple(Alarm(**alarm) for alarm in data["alarms"]))
+        models = None if of_models is None else CertifiedModels.from_dict(data["models"], of_models)
+        alarms = tuple(Alarm(**alarm) for alarm in data["alarms"])
+        return cls(**kept, certificate=certificate, alarms=alarms, models=models)
 
     def __str__(self) -> str:
         g = f"|g / width|^2 <= ({self.delta:.4g} |(x - x*) / width|)^2 + {self.epsilon:.4g}^2 (1/s)"
@@ -93,8 +105,10 @@ class PlantMargin:
             )
             proved = f"Every plant x' = F(x, u) + g with {g} is certified{stays}."
         doubts = "".join(f" But {alarm.text}." for alarm in self.alarms)
+        models = "" if self.models is None else f" {self.models.sentence(self.confidence)}"
         return (
-            f"{proved} That your plant is one of them is not proved; what the data say is an estimate: {about}.{doubts}"
+            f"{proved} That your plant is one of them is not proved; what the data say is an estimate: {about}."
+            f"{models}{doubts}"
         )
 
 
@@ -165,43 +179,36 @@ def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMarg
     windows = windows_of(data, phi, window, asked.hold, instruments)
     used = np.ones((phi.size, model.n), bool)
     used[:, [name in margin.known for name in model.states]] = False
-    found = estimate(windows, used)
     nominal = 1 - (1 - asked.confidence) / OPTIMISM
+    about = Evidence(
+        data=data,
+        phi=phi,
+        windows=windows,
+        found=estimate(windows, used),
+        hold=asked.hold,
+        instruments=asked.instruments,
+        confidence=nominal,
+    )
     places = _places(data, phi)
-    x = places.x
     if random:
-        away = np.abs(places.phi @ found.theta - model.rhs(x, places.u)) + found.band(places.phi, nominal)
+        x, away = places.x, about.found.distance(places.phi, model.rhs(places.x, places.u), nominal, about.quadrature)
     else:
-        at, away = bounded_band(windows, used, _bound(asked.bound, model), model, places)
-        x = x[at]
+        at, away = bounded_band(data, asked.hold, used, _bound(asked.bound, model), phi, places)
+        x = places.x[at]
     size = np.linalg.norm((away / margin.width)[:, used.any(axis=0)], axis=1)
     distance = np.linalg.norm((x - margin.certificate.operating_point) / margin.width, axis=1)
     beyond = size**2 - (margin.delta * distance) ** 2
     epsilon = float(np.sqrt(max(0.0, float(beyond.max()))))
-    doubts = (
-        alarms(
-            Evidence(
-                data=data,
-                phi=phi,
-                windows=windows,
-                found=found,
-                hold=asked.hold,
-                instruments=asked.instruments,
-                confidence=nominal,
-            )
-        )
-        if random
-        else ()
-    )
     return PlantMargin(
         delta=margin.delta,
         epsilon=epsilon,
         confidence=asked.confidence,
         certificate=_with_constant(margin, epsilon),
-        blocks=found.blocks,
+        blocks=about.found.blocks,
         share=float((beyond <= 0).mean()),
-        alarms=tuple(doubts),
+        alarms=tuple(alarms(about)) if random else (),
         noise=asked.noise,
+        models=certified_models(margin.certificate, about, places.phi) if random else None,
     )
 
 

@@ -40,12 +40,13 @@ def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Marg
     resting = resting_bound(model, x_star, u, residuals, setting.box)
     fastest = setting.fastest
     slowest = 0.0 if setting.box is None else SLOW[-1] * fastest
-    largest, found = largest_margin(_question(setting), residuals, min(radius, resting), slowest, log.left)
+    largest, found = largest_margin(question_of(setting), residuals, min(radius, resting), slowest, log.left)
     if found is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     failure = stopped(Status.TIME)
     for share in SHARES:
-        find = partial(_slowly, fastest=fastest, deviation=residuals.within(share * largest), log=log)
+        near = (residuals.within(share * largest),)
+        find = partial(slowly, fastest=fastest, deviations=near, log=log)
         answer, setting = settled(setting, find, log)
         if isinstance(answer, Certificate):
             known = tuple(name for name, free in zip(model.states, residuals.free, strict=True) if not free)
@@ -65,7 +66,8 @@ def margin_by(certificate: Certificate) -> Margin:
     return replace(margin, largest=margin.delta)
 
 
-def _question(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Question:
+def question_of(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Question:
+    """Return what is asked of a setting where all plants within deviations are meant."""
     reach = setting.reach
     shape = None if reach is None else 1 / reach**2
     full_P = setting.model.n > 1
@@ -80,9 +82,9 @@ def _question(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Quest
     )
 
 
-def _slowly(setting: Setting, fastest: float, deviation: Deviation, log: Log) -> Lyapunov | Failure:
-    """Return a Lyapunov function of all plants within a deviation, with a rate and its gain where there is one."""
-    question = _question(setting, (deviation,))
+def slowly(setting: Setting, fastest: float, deviations: tuple[Deviation, ...], log: Log) -> Lyapunov | Failure:
+    """Return a Lyapunov function of all plants within deviations, with a rate and its gain where there is one."""
+    question = question_of(setting, deviations)
     for share in (*SLOW, *((0.0,) if setting.box is None else ())):
         found = question.ask(share * fastest, None, None, log.left)
         if found is not None:

@@ -50,6 +50,7 @@ def check_ledger(
     further = {
         "incremental": proved.incremental,
         "everywhere": proved.everywhere,
+        "members": proved.members,
         "feedback": has_feedback(ledger),
     }
     names = tuple(name for name, holds in further.items() if holds)

@@ -21,9 +21,7 @@ def _used(ledger: Ledger) -> list[tuple[Curve, Form]]:
 
 
 def _only_values(ledger: Ledger) -> bool:
-    return (
-        not ledger.deviations and not ledger.inside and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
-    )
+    return not ledger.inside and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
 
 
 def has_feedback(ledger: Ledger) -> bool:
@@ -40,7 +38,12 @@ def is_moved(ledger: Ledger, output: Output) -> bool:
 
 
 def is_incremental(ledger: Ledger) -> bool:
-    """Whether the estimate holds for the difference of any two solutions: V = x'P x and nondecreasing forms."""
+    """Whether the estimate holds for the difference of any two solutions of the model."""
+    return not ledger.deviations and forgets(ledger)
+
+
+def forgets(ledger: Ledger) -> bool:
+    """Whether the matrix is one of differences of two solutions: V = x'P x and nondecreasing forms."""
     if ledger.claim != "rate-and-gain" or not _only_values(ledger):
         return False
     no_density = not any(mu for point in ledger.points for _, mu in point.densities)
@@ -48,6 +51,17 @@ def is_incremental(ledger: Ledger) -> bool:
 
 
 def holds_everywhere(ledger: Ledger, kept: tuple[int, ...]) -> bool:
+    """Whether the claim is one about every equilibrium of the model."""
+    return not ledger.deviations and _knows_no_centre(ledger, kept)
+
+
+def holds_of_members(ledger: Ledger, kept: tuple[int, ...]) -> bool:
+    """Whether the claim is one about the equilibria of every model with coefficients within the deviations."""
+    read = {i for deviation in ledger.deviations for row in deviation.C for i, value in row.items() if value}
+    return bool(ledger.deviations) and not read & set(ledger.dropped) and _knows_no_centre(ledger, kept)
+
+
+def _knows_no_centre(ledger: Ledger, kept: tuple[int, ...]) -> bool:
     """Whether nothing in the proof depends on the point."""
     n = ledger.model.order
     if ledger.claim not in ("iss", "rate-and-gain") or not _only_values(ledger) or len([i for i in kept if i < n]) < n:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.further import has_feedback, is_moved
+from persid_check.ledger.further import forgets, has_feedback, is_moved
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
 from persid_check.words import (
@@ -33,6 +33,8 @@ def statement(ledger: Ledger, proved: Proved) -> str:
     parts = [first, *_equations(ledger), *_estimate(ledger, proved)]
     if ledger.deviations:
         parts.append(_plants(ledger))
+    if proved.members:
+        parts += _members(ledger)
     if proved.everywhere:
         parts.append(
             "The same holds, with the same numbers, about every equilibrium of every constant input, of which each has"
@@ -54,7 +56,7 @@ def _equations(ledger: Ledger) -> list[str]:
     return [f"For every x and u its equations have exactly one solution {names}, which depends on them continuously."]
 
 
-def _between(ledger: Ledger) -> str:
+def _between(ledger: Ledger, of: str = "") -> str:
     """What holds for any two solutions."""
     clock = _clock(ledger)
     other, start = (name.replace("x", "x~", 1) for name in (clock.now, clock.start))
@@ -64,7 +66,7 @@ def _between(ledger: Ledger) -> str:
     if ledger.outputs is not None:
         bound = f"the same bounds hold with y~, u~ in place of y*, u* and {V} of V({clock.start})"
     return (
-        f"For any two solutions x, x~ with inputs u, u~: {bound}, V(d) = d'P d."
+        f"For any two solutions x, x~{of} with inputs u, u~: {bound}, V(d) = d'P d."
         " For every constant input there is exactly one equilibrium, and every solution tends to it."
     )
 
@@ -254,6 +256,18 @@ def _plants(ledger: Ledger) -> str:
         f"Meant is every plant {_clock(ledger).change} = F(x, u) + g with g the sum of L w for {shown}{more}."
         " That a plant obeys these bounds is assumed, not proved."
     )
+
+
+def _members(ledger: Ledger) -> list[str]:
+    """What holds of models with other coefficients, each about a place of rest of its own."""
+    read = [*state_names(ledger.model.states)[:SHOWN], *["..."] * (ledger.model.order > SHOWN)]
+    read += ["values of functions"] * bool(ledger.model.channels) + ["inputs"] * bool(ledger.model.m)
+    first = (
+        f"Of a model with other coefficients, g the sum of L (D zeta + e) with zeta = ({', '.join(read)}), constant D"
+        " with |D zeta| <= |C zeta| for every zeta, and any constant e, more is proved: for every constant input it has"
+        " exactly one equilibrium, and the same holds about it with the same numbers, without the constant part of |w|."
+    )
+    return [first, _between(ledger, " of such a model")] if forgets(ledger) else [first]
 
 
 def _deviation(ledger: Ledger, deviation: Deviation) -> str:
