@@ -87,6 +87,19 @@ def read_index(where: str, value: object, size: int) -> int:
     return index
 
 
+def read_row(where: str, value: object, size: int) -> dict[int, Fraction]:
+    """Return a list of [entry, dyadic], entries rising, as a row of so many; zeros are left out."""
+    found: dict[int, Fraction] = {}
+    last = -1
+    for k, pair in enumerate(read_list(where, value)):
+        i, number = read_list(f"{where}[{k}]", pair, 2)
+        index = read_index(f"{where}[{k}]", i, size)
+        if index <= last:
+            raise FormatError(f"{where}[{k}]", "indices rise")
+        last, found[index] = index, read_dyadic(f"{where}[{k}]", number)
+    return {i: value for i, value in found.items() if value}
+
+
 def read_dyadic(where: str, value: object) -> Fraction:
     """Return the number mantissa * 2**exponent of a pair."""
     pair = read_list(where, value, 2)

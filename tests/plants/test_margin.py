@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import persid as ps
 from persid.commands import cli
@@ -116,6 +117,24 @@ def test_bounded_noise_needs_no_statistics() -> None:
     assert 0.9 < wide.share < 1  # of the places that were looked at: the others count for nothing
     with pytest.raises(DataError, match="raise bound="):
         ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=1e-6)
+
+
+def test_data_of_a_network_certify_a_set() -> None:
+    """Of a sparse model, which a weighted l1 norm certifies, rho is found, and no residual margin."""
+    rng, n = np.random.default_rng(1), 4
+    ring = np.roll(np.eye(n), 1, axis=0)
+    parts = (-2 * np.eye(n) + 0.4 * (ring + ring.T), 0.3 * ring - np.eye(n), np.eye(n)[:, :2])
+    plant = ps.PersidskiiModel(parts[0], [("tanh(x)", None, parts[1])], parts[2])
+    model = ps.PersidskiiModel(
+        sp.csc_array(parts[0]), [("tanh(x)", None, sp.csc_array(parts[1]))], sp.csc_array(parts[2])
+    )
+    u = np.repeat(rng.normal(0, 2, (300, 2)), 10, axis=0)
+    x = plant.simulate(np.zeros(n), 0.05 * np.arange(3000), u)[0].x + 1e-3 * rng.normal(size=(3000, n))
+    found = margin_of(ps.certify(model), ps.Trajectories.from_arrays(x, u, dt=0.05), Reading())
+    assert found.certificate is None
+    assert found.models.certificate.claim == "L1"
+    assert found.models.rho > 0
+    assert "a weighted l1 norm has no residual margin" in str(found)
 
 
 def test_wrong_use_is_refused() -> None:

@@ -244,9 +244,10 @@ def _plant(
     """Return what measurements say of the plant, for programs and for people; nothing of a model without a margin."""
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
+    from persid.networks.certificate import NetworkCertificate
     from persid.plants.margin import Reading, margin_of
 
-    if getattr(verdict, "margin", None) is None:
+    if getattr(verdict, "margin", None) is None and not isinstance(verdict.proof, NetworkCertificate):
         if allowed is not None:
             _write_beside(None, allowed)
         return None, [("of the plant", "nothing: the model has no residual margin")]

@@ -22,6 +22,7 @@ from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
 from persid.models.model import PersidskiiModel
 from persid.networks.weights import Network, Perron, Weights, find_weights, network
+from persid_check.networks.members import Members, read_members
 from persid_check.networks.nodes import nodes_of
 from persid_check.networks.table import Table, table_of, table_of_sparse
 from persid_check.results import NotProvedError
@@ -98,6 +99,17 @@ class NetworkCertificate:
             return persid_check.companion.read(self.arrays or b"")["w"]
         return np.array([value(pair) for pair in listed])
 
+    @cached_property
+    def members(self) -> Members | None:
+        """The ellipsoids of coefficients of which the claim speaks; None where it speaks of the model alone."""
+        listed = self.content.get("deviations")
+        return None if listed is None else read_members(listed, persid_check.model.read_model(self.content["model"]))
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """What is said beyond the claim: ("members",) where it is one about every model of a set."""
+        return () if self.members is None else ("members",)
+
     @property
     def rate(self) -> float:
         """The decay rate kappa of V, and so of the state, in 1/s, rounded down."""
@@ -110,6 +122,9 @@ class NetworkCertificate:
         raised = Fraction(1 + (self.model.n + 8) * 2.0**-51)  # more than the rounding errors of the sums
         lost = np.asarray((B != 0).sum(axis=0)) * 2.0**-1000  # more than products lose by underflow
         sums = [Fraction(float(s)) * raised + Fraction(float(tiny)) for s, tiny in zip(B.T @ w, lost, strict=True)]
+        if self.members is not None:
+            for j in range(self.model.m):
+                sums[j] += sum(Fraction(float(w[i])) * size for i, size in self.members.of_input(j))
         return np.array([-bounds.below(-s / self._kappa) for s in sums])
 
     @property
@@ -191,8 +206,10 @@ def table(model: PersidskiiModel) -> Table | None:
         return None
 
 
-def prove(model: PersidskiiModel, net: Network, found: Weights, every: bool) -> NetworkCertificate:
-    """Return the certificate of weights, its numbers rounded, if the checker accepts it.
+def prove(
+    model: PersidskiiModel, net: Network, found: Weights, every: bool, more: Json | None = None
+) -> NetworkCertificate:
+    """Return the certificate of weights, its numbers rounded, if the checker accepts it; `more` are further fields.
 
     Raises:
         RejectedError: it does not; the message gives its reason.
@@ -202,6 +219,7 @@ def prove(model: PersidskiiModel, net: Network, found: Weights, every: bool) -> 
         "operating_point": "every" if every else "reference",
         "kinds": [_kind(net, t) for t in range(len(net.cones))],
         "kappa": dyadic(found.kappa * (1 - 2.0**-24), 24),
+        **(more or {}),
     }
     statement = "Input-to-state stable, globally, with V = sum w_k |x_k|."
     data, arrays = _file(model, "L1", statement, parts, {"weights": ("w", w)})

@@ -129,11 +129,8 @@ def network(table: Table, every: bool) -> Network:
     size = table.values.shape[1] + table.n
     most = GENERATORS if size <= SMALL else FEW_GENERATORS
     cones = tuple(cone(functions, every, most) for functions in table.kinds)
-    count = max(len(found.rays) for found in cones)
-    rays = np.zeros((count, len(cones), len(table.values)))
-    for t, found in enumerate(cones):
-        unit = found.unit
-        rays[:, t, : unit.shape[1]] = unit[np.minimum(np.arange(count), len(unit) - 1)]
+    rays = laid_out(cones, len(table.values))
+    count = len(rays)
     starts = np.searchsorted(table.node, np.arange(table.n + 1))
     number = np.float64 if count * size <= 10 * FAST else np.float32  # the checker decides, in exact terms
     coupled = [s for s in range(len(table.values)) if table.values[s].any()]
@@ -146,6 +143,16 @@ def network(table: Table, every: bool) -> Network:
     d = np.stack([sum(_spread(ray[:, s], table.kind) * D for s, D in enumerate(table.diagonal)) for ray in rays])
     v0 = np.stack([np.broadcast_to(_spread(ray[:, 0], table.kind), table.n) for ray in rays])
     return Network(table, cones, tuple(N), d, v0)
+
+
+def laid_out(cones: Sequence[Cone], slots: int) -> Float[ndarray, "g kinds s"]:
+    """Return the r-th generator of every kind; kinds of fewer generators repeat their last one."""
+    count = max(len(found.rays) for found in cones)
+    rays = np.zeros((count, len(cones), slots))
+    for t, found in enumerate(cones):
+        unit = found.unit
+        rays[:, t, : unit.shape[1]] = unit[np.minimum(np.arange(count), len(unit) - 1)]
+    return rays
 
 
 def _spread(values: ndarray, kind: ndarray, node: ndarray | None = None) -> ndarray | float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from persid._files import Json
@@ -23,8 +23,10 @@ from persid.certificates.margin import Margin
 from persid.errors import DataError, PersidError, RejectedError
 from persid.identification.estimates import Dictionary, estimate, windows_of
 from persid.identification.windows import NOISE_RATIO, WITH_INSTRUMENTS, choose_window
+from persid.lyapunov.margins import Residuals
 from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
+from persid.networks.certificate import NetworkCertificate
 from persid.plants.alarms import Alarm, Evidence, alarms
 from persid.plants.bounded import Places, bounded_band
 from persid.plants.members import CertifiedModels, certified_models
@@ -80,7 +82,7 @@ class PlantMargin:
 
     @classmethod
     def from_dict(
-        cls, data: Json, certificate: Certificate | None, of_models: Certificate | None = None
+        cls, data: Json, certificate: Certificate | None, of_models: Certificate | NetworkCertificate | None = None
     ) -> "PlantMargin":
         """Return what `to_dict` was called on, with the certificates that were read beside it."""
         kept = {name: data[name] for name in ("delta", "epsilon", "confidence", "blocks", "share", "noise")}
@@ -96,7 +98,9 @@ class PlantMargin:
             "bounded": "with noise within the given bounds it obeys the bound between the measured samples, of which "
             "some were looked at",
         }[self.noise]
-        proved = f"No plant x' = F(x, u) + g with {g} is certified: the constant part is too large."
+        proved = f"No plant x' = F(x, u) + g with {g} is certified: " + (
+            "the constant part is too large." if self.delta else "a weighted l1 norm has no residual margin."
+        )
         if self.certificate is not None:
             stays = (
                 ""
@@ -126,7 +130,7 @@ def plant_margin(
 
     Args:
         fit: the PersidskiiIdentifier or CertifiedIdentifier that made the model: it knows the window and the hold.
-        verdict: Certified, with a residual margin.
+        verdict: Certified, with a residual margin, or by a weighted l1 norm, which has none.
         data: the measurements, as for `fit`.
         confidence: what the estimate shall be right with, approximately, where its assumptions hold: the plant's x' is
             in the span of the model's functions, noise has no memory, inputs are as `hold` says, samples are close.
@@ -172,13 +176,12 @@ class Reading:
 
 def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMargin:
     """Return what measurements of the states and inputs of a certified model say; see `plant_margin`."""
-    margin = _margin(verdict)
-    model, random = margin.certificate.model, asked.noise == "random"
+    subject = _Subject.of(verdict)
+    model, random = subject.model, asked.noise == "random"
     phi, instruments = Dictionary(model), asked.instruments and random
     window = asked.window or choose_window(data, WITH_INSTRUMENTS if instruments else NOISE_RATIO)
     windows = windows_of(data, phi, window, asked.hold, instruments)
-    used = np.ones((phi.size, model.n), bool)
-    used[:, [name in margin.known for name in model.states]] = False
+    used = np.tile(subject.free, (phi.size, 1))
     nominal = 1 - (1 - asked.confidence) / OPTIMISM
     about = Evidence(
         data=data,
@@ -195,34 +198,55 @@ def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMarg
     else:
         at, away = bounded_band(data, asked.hold, used, _bound(asked.bound, model), phi, places)
         x = places.x[at]
-    size = np.linalg.norm((away / margin.width)[:, used.any(axis=0)], axis=1)
-    distance = np.linalg.norm((x - margin.certificate.operating_point) / margin.width, axis=1)
-    beyond = size**2 - (margin.delta * distance) ** 2
+    size = np.linalg.norm((away / subject.width)[:, subject.free], axis=1)
+    distance = np.linalg.norm((x - subject.certificate.operating_point) / subject.width, axis=1)
+    beyond = size**2 - (subject.delta * distance) ** 2
     epsilon = float(np.sqrt(max(0.0, float(beyond.max()))))
     return PlantMargin(
-        delta=margin.delta,
+        delta=subject.delta,
         epsilon=epsilon,
         confidence=asked.confidence,
-        certificate=_with_constant(margin, epsilon),
+        certificate=_with_constant(subject.margin, epsilon),
         blocks=about.found.blocks,
         share=float((beyond <= 0).mean()),
         alarms=tuple(alarms(about)) if random else (),
         noise=asked.noise,
-        models=certified_models(margin.certificate, about, places.phi) if random else None,
+        models=certified_models(subject.certificate, about, places.phi) if random else None,
     )
 
 
-def _margin(verdict: Verdict) -> Margin:
-    if not isinstance(verdict, Certified) or verdict.margin is None:
-        raise PersidError(
-            "a certified model with a residual margin is needed (verdict.margin); this verdict has none: see attempts"
-        )
-    return verdict.margin
+@dataclass(frozen=True, eq=False)
+class _Subject:
+    """Of what a verdict speaks: a model with its residual margin, or a network, which has none (delta = 0)."""
+
+    model: PersidskiiModel
+    certificate: Certificate | NetworkCertificate
+    margin: Margin | None
+    delta: float
+    width: Float[ndarray, " n"]
+    free: Bool[ndarray, " n"]
+
+    @classmethod
+    def of(cls, verdict: Verdict) -> "_Subject":
+        margin = verdict.margin if isinstance(verdict, Certified) else None
+        if margin is not None:
+            model = margin.certificate.model
+            free = np.array([name not in margin.known for name in model.states])
+            return cls(model, margin.certificate, margin, margin.delta, margin.width, free)
+        certificate = verdict.certificate if isinstance(verdict, Certified) else None
+        if not isinstance(certificate, NetworkCertificate) or certificate.model.is_large:
+            raise PersidError(
+                "a certified model with a residual margin is needed (verdict.margin); this verdict has none: see "
+                "attempts"
+            )
+        model = certificate.model.dense()
+        residuals = Residuals.of(model, model.m)
+        return cls(model, certificate, None, 0.0, residuals.width, residuals.free)
 
 
-def _with_constant(margin: Margin, epsilon: float) -> Certificate | None:
+def _with_constant(margin: Margin | None, epsilon: float) -> Certificate | None:
     try:
-        return margin.with_constant(epsilon).certificate
+        return None if margin is None else margin.with_constant(epsilon).certificate
     except RejectedError:
         return None
 

@@ -18,7 +18,7 @@ from numpy import ndarray
 from persid._files import Json
 from persid.certificates.certificate import Certificate
 from persid.lyapunov.deviations import Deviation
-from persid.models.model import PersidskiiModel
+from persid.networks.certificate import NetworkCertificate
 from persid.plants.alarms import Evidence
 from persid.verdicts.members import certified_members
 
@@ -32,14 +32,14 @@ class CertifiedModels:
     """
 
     rho: float
-    certificate: Certificate
+    certificate: Certificate | NetworkCertificate
 
     def to_dict(self) -> Json:
         """Return the object that `--json` prints; the certificate is a file of its own."""
         return {"rho": self.rho, "claim": self.certificate.claim, "rate": self.certificate.rate}
 
     @classmethod
-    def from_dict(cls, data: Json, certificate: Certificate) -> "CertifiedModels":
+    def from_dict(cls, data: Json, certificate: Certificate | NetworkCertificate) -> "CertifiedModels":
         """Return what `to_dict` was called on, with the certificate that was read beside it."""
         return cls(data["rho"], certificate)
 
@@ -52,20 +52,23 @@ class CertifiedModels:
         return f"{which}: each has exactly one equilibrium for each constant input, and is stable about it."
 
 
-def certified_models(certificate: Certificate, about: Evidence, phi: Float[ndarray, "N p"]) -> CertifiedModels | None:
+def certified_models(
+    certificate: Certificate | NetworkCertificate, about: Evidence, phi: Float[ndarray, "N p"]
+) -> CertifiedModels | None:
     """Return what is certified of the models that an estimate allows, phi at places of the data.
 
     None where nothing is, as where the data leave a combination of coefficients open.
     """
     if not about.found.resolved.all():
         return None
-    answer = certified_members(certificate, tuple(ellipsoids(certificate.model, about, phi)))
+    answer = certified_members(certificate, tuple(ellipsoids(about, phi)))
     return None if answer is None else CertifiedModels(*answer)
 
 
-def ellipsoids(model: PersidskiiModel, about: Evidence, phi: Float[ndarray, "N p"]) -> list[Deviation]:
+def ellipsoids(about: Evidence, phi: Float[ndarray, "N p"]) -> list[Deviation]:
     """Return the ellipsoid of every equation that was estimated, about the model; the last column is the constant."""
-    channels, found = model.channels, about.found
+    model, found = about.phi.model, about.found
+    channels = model.channels
     off = found.theta[:-1] - np.vstack([channels.A0.T, channels.columns.T, model.B.T])
     quantile, size = found.quantile(about.confidence), (phi[:, :-1] ** 2).mean(axis=0)
     rows = []

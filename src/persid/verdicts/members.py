@@ -12,6 +12,9 @@ from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.rates import largest_rate
 from persid.lyapunov.search import Outcome
 from persid.lyapunov.shifted_model import Setting
+from persid.models.model import PersidskiiModel
+from persid.networks.certificate import NetworkCertificate
+from persid.networks.members import prove_members
 from persid.verdicts.log import Log
 from persid.verdicts.margins import question_of, slowly
 from persid.verdicts.searches import settled
@@ -22,14 +25,38 @@ SHARES = (0.9, 0.6)  # of the largest rho, at which a certificate is made
 SECONDS = 60.0
 
 
-def certified_members(certificate: Certificate, rows: tuple[Deviation, ...]) -> tuple[float, Certificate] | None:
+def certified_members(
+    certificate: Certificate | NetworkCertificate, rows: tuple[Deviation, ...]
+) -> tuple[float, Certificate | NetworkCertificate] | None:
     """Return rho, and the certificate of every model within rho times the ellipsoids about a certified model.
 
-    It is one about each model's own equilibria, so V is made of nondecreasing forms alone. None where no multiple is
-    found, where the claim is regional, and where the ellipsoids reach functions that the model does not use.
+    It is one about each model's own equilibria, so V is made of nondecreasing forms alone, or is a weighted l1 norm.
+    None where no multiple is found, and where the ellipsoids reach functions that the model does not use.
     """
+    if not rows:
+        return None
+    if isinstance(certificate, NetworkCertificate):
+        return _of_network(certificate.model, rows)
+    return _of_states(certificate, rows) or _of_network(certificate.model, rows)
+
+
+def _of_network(model: PersidskiiModel, rows: tuple[Deviation, ...]) -> tuple[float, NetworkCertificate] | None:
+    """Return the same by claim L1."""
+    log = Log(SECONDS, lambda _: None)
+
+    def ask(rho: float, _: tuple[float, NetworkCertificate] | None) -> tuple[float, NetworkCertificate] | None:
+        found = prove_members(model, _times(rows, rho))
+        return None if found is None else (rho, found)
+
+    best = largest_rate(ask, MOST, log.left, first=1 / MOST, fall=0.3, near=CLOSE)
+    gentle = None if best is None or SHARES[0] * best[0] < 1 <= best[0] else ask(SHARES[0] * best[0], None)
+    return gentle or best
+
+
+def _of_states(certificate: Certificate, rows: tuple[Deviation, ...]) -> tuple[float, Certificate] | None:
+    """Return the same by a V of quadratic forms and integrals, about a point that holds for all states."""
     setting, log = _setting(certificate), Log(SECONDS, lambda _: None)
-    if setting is None or not rows:
+    if setting is None:
         return None
     question = question_of(setting)
 

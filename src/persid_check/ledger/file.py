@@ -51,6 +51,7 @@ from persid_check.reading import (
     read_object,
     read_P,
     read_root,
+    read_row,
     read_text,
 )
 from persid_check.results import FormatError
@@ -164,18 +165,6 @@ def _cuts(where: str, value: object) -> Cuts:
     return positions(cuts, exponent)
 
 
-def _row(where: str, value: object, size: int) -> Row:
-    found: dict[int, Fraction] = {}
-    last = -1
-    for k, pair in enumerate(read_list(where, value)):
-        i, number = read_list(f"{where}[{k}]", pair, 2)
-        index = read_index(f"{where}[{k}]", i, size)
-        if index <= last:
-            raise FormatError(f"{where}[{k}]", "indices rise")
-        last, found[index] = index, read_dyadic(f"{where}[{k}]", number)
-    return {i: value for i, value in found.items() if value}
-
-
 def _curve(where: str, value: object) -> Curve:
     fields = ("functions", "shift", "domain", "continuous", "forms", "products")
     value = read_object(where, value, fields)
@@ -269,7 +258,7 @@ def _point(where: str, value: object, curves: Sequence[Curve], model: Model) -> 
         k, mu = read_list(f"{where}.densities[{i}]", pair, 2)
         k = read_index(f"{where}.densities[{i}]", k, len(curve.forms))
         densities.append((k, read_nonnegative(f"{where}.densities[{i}]", mu)))
-    return Point(place, _row(f"{where}.row", value["row"], model.n), channels, tuple(densities))
+    return Point(place, read_row(f"{where}.row", value["row"], model.n), channels, tuple(densities))
 
 
 def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
@@ -317,7 +306,7 @@ def _algebraic(
 
     def rows(where: str, given: object, size: int) -> tuple[Row, ...]:
         listed = read_list(where, given, model.algebraic)
-        return tuple(_row(f"{where}[{i}]", row, size) for i, row in enumerate(listed))
+        return tuple(read_row(f"{where}[{i}]", row, size) for i, row in enumerate(listed))
 
     def facts(where: str, given: object) -> tuple[Fact, ...]:
         listed = enumerate(read_list(where, given))
@@ -336,9 +325,10 @@ def _algebraic(
 def _deviation(where: str, value: object, n: int, size: int) -> Deviation:
     value = read_object(where, value, ("columns", "C", "s", "epsilon"))
     columns = tuple(
-        _row(f"{where}.columns[{i}]", row, n) for i, row in enumerate(read_list(f"{where}.columns", value["columns"]))
+        read_row(f"{where}.columns[{i}]", row, n)
+        for i, row in enumerate(read_list(f"{where}.columns", value["columns"]))
     )
-    C = tuple(_row(f"{where}.C[{i}]", row, size) for i, row in enumerate(read_list(f"{where}.C", value["C"])))
+    C = tuple(read_row(f"{where}.C[{i}]", row, size) for i, row in enumerate(read_list(f"{where}.C", value["C"])))
     return Deviation(
         columns, C, read_dyadic(f"{where}.s", value["s"]), read_nonnegative(f"{where}.epsilon", value["epsilon"])
     )
@@ -355,7 +345,7 @@ def _spanning(value: object, curves: Sequence[Curve], points: Sequence[Point]) -
 
 def _strip(where: str, value: object, n: int) -> tuple[Row, Fraction, Fraction]:
     row, lo, hi = read_list(where, value, 3)
-    return _row(where, row, n), read_dyadic(where, lo), read_dyadic(where, hi)
+    return read_row(where, row, n), read_dyadic(where, lo), read_dyadic(where, hi)
 
 
 def _outputs(value: object, model: Mapping[str, object]) -> Outputs | None:

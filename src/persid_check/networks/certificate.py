@@ -15,6 +15,7 @@ from persid_check.model import Model, holds_objects, sha256_of
 from persid_check.networks import sentences
 from persid_check.networks.claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
 from persid_check.networks.cone import Vector, generators
+from persid_check.networks.members import Members, read_members
 from persid_check.networks.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
 from persid_check.networks.table import Table, doubtful, table_of, table_of_sparse
 from persid_check.reading import (
@@ -41,6 +42,7 @@ PRODUCTS = 4  # of fractions, that a step counts for
 MAX_KINDS = 100_000
 MAX_DOUBTFUL = 20_000  # columns redone in fractions
 
+DEVIATIONS = "deviations"  # a field that claim L1 may have
 FIELDS = {
     "L1": (*COMMON, "operating_point", "kinds", "kappa", "weights", "companion"),
     "L1-infeasible": (*COMMON, "kinds", "z", "choice", "companion"),
@@ -58,7 +60,8 @@ def read_network(
         FormatError: anything is not as specified; the message names the place.
     """
     claim = data["claim"]
-    read_heading(data, FIELDS[claim])
+    more = (DEVIATIONS,) if claim == "L1" and DEVIATIONS in data else ()
+    read_heading(data, (*FIELDS[claim], *more))
     subject = _subject(claim, data, folder, arrays)
     if claim == "L1-infeasible":
         kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms", "rays"))
@@ -69,7 +72,14 @@ def read_network(
     every = data["operating_point"] == "every"
     kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms"))
     weights = _vector("weights", data["weights"], subject, "w")
-    return NetworkClaim(subject, every, kinds, weights, read_dyadic("kappa", data["kappa"]))
+    members = _members(data[DEVIATIONS], subject, every) if more else None
+    return NetworkClaim(subject, every, kinds, weights, read_dyadic("kappa", data["kappa"]), members)
+
+
+def _members(value: object, subject: NetworkSubject, every: bool) -> Members:
+    if not (every and isinstance(subject.model, Model)):
+        raise FormatError(DEVIATIONS, 'only a model that is written out has some, with the operating point "every"')
+    return read_members(value, subject.model)
 
 
 def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
@@ -85,7 +95,7 @@ def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
     nodes = claim.subject.nodes
     left, how = _to_redo(claim, rays)
     for k in left:
-        _prove_decrease(k, nodes.column(k), rays[int(nodes.kind[k])], claim.weights, claim.kappa)
+        _prove_decrease(k, nodes.column(k), rays[int(nodes.kind[k])], claim)
     gains, offset = _gains(claim)
     statement = sentences.decrease(claim, gains, offset)
     return statement, sentences.decrease_steps(claim, [len(found) for found in rays], how)
@@ -95,7 +105,7 @@ def _to_redo(claim: NetworkClaim, rays: Sequence[tuple[Vector, ...]]) -> tuple[S
     """Return the nodes to check in fractions: all of a small network, else those that bounded sums leave in doubt."""
     nodes = claim.subject.nodes
     if isinstance(nodes, Nodes):
-        if nodes.entries * max(len(found) * len(found[0]) for found in rays) <= EXACT_WORK:
+        if claim.members is not None or nodes.entries * max(len(found) * len(found[0]) for found in rays) <= EXACT_WORK:
             return range(nodes.n), "in fractions"
         nodes = table_of(nodes)
     left = doubtful(nodes, rays, companion.binary64(claim.weights), claim.kappa).tolist()
@@ -154,14 +164,16 @@ def _prove_cone(t: int, kind: Kind, every: bool) -> tuple[Vector, ...]:
     return generators((_y(size), *kind.forms), size)
 
 
-def _prove_decrease(
-    k: int, column: Column, rays: Sequence[Vector], weights: "Sequence[Fraction] | ndarray", kappa: Fraction
-) -> None:
-    """Prove w_k T_k + sum w_i |T_i| + kappa w_k v_0 <= 0, T_i = sum v_s A_s[i, k], for every generator v."""
+def _prove_decrease(k: int, column: Column, rays: Sequence[Vector], claim: NetworkClaim) -> None:
+    """Prove w_k T_k + sum w_i |T_i| + kappa w_k v_0 <= 0, T_i = sum v_s A_s[i, k], for every generator v.
+
+    Of members w_i |C_i E_k v| is added for every ellipsoid.
+    """
     spend(len(rays) * len(column) * len(rays[0]) // PRODUCTS)
-    w = {i: Fraction(weights[i]) for i in {k, *column}}
+    own = Fraction(claim.weights[k])
     for ray in rays:
-        if sum((w[i] * T for i, T in _sizes(column, k, ray)), kappa * w[k] * ray[0]) > 0:
+        sizes = _sizes(column, k, ray) + (claim.members.sizes(k, ray) if claim.members is not None else [])
+        if sum((Fraction(claim.weights[i]) * size for i, size in sizes), claim.kappa * own * ray[0]) > 0:
             raise NotProvedError("weights", f"V does not decrease at rate kappa through node {k}")
 
 
@@ -176,6 +188,9 @@ def _gains(claim: NetworkClaim) -> tuple[list[Fraction], bool]:
     for w, row in zip(claim.weights, rows, strict=True):
         for j, value in enumerate(row):
             sums[j] += Fraction(w) * abs(Fraction(value)) if value else 0
+    if claim.members is not None:
+        for j in range(model.m):
+            sums[j] += sum((Fraction(claim.weights[i]) * size for i, size in claim.members.of_input(j)), Fraction(0))
     return sums, offset
 
 

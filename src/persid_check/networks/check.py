@@ -22,4 +22,5 @@ def check_network(
     require_same(claim.subject.form, claim.subject.sha256, wanted)
     with limited(allowance(len(claim.kinds), size)):
         statement, steps = prove_network(claim) if isinstance(claim, NetworkClaim) else prove_no_weights(claim)
-    return Accepted(claim.subject.claim, statement, steps)
+    members = isinstance(claim, NetworkClaim) and claim.members is not None
+    return Accepted(claim.subject.claim, statement, steps, ("members",) * members)

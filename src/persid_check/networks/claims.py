@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from persid_check.companion import Arrays, binary64
 from persid_check.json_text import Stated
 from persid_check.model import Model
+from persid_check.networks.members import Members
 from persid_check.networks.nodes import Functions, Nodes
 from persid_check.networks.table import Table
 from persid_check.sparse import SparseModel
@@ -42,13 +43,17 @@ class NetworkSubject:
 
 @dataclass(frozen=True)
 class NetworkClaim:
-    """Claim L1: weights w and rate kappa, about x_ref or (`every`) about the equilibrium of every constant input."""
+    """Claim L1: weights w and rate kappa, about x_ref or (`every`) about the equilibrium of every constant input.
+
+    With `members` it is one about every model with coefficients within their ellipsoids.
+    """
 
     subject: NetworkSubject
     every: bool
     kinds: tuple[Kind, ...]
     weights: "Sequence[Fraction] | ndarray"
     kappa: Fraction
+    members: Members | None = None
 
     @cached_property
     def spread(self) -> tuple[Fraction, Fraction]:

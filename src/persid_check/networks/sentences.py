@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 from persid_check.networks.claims import NetworkClaim, NetworkObstruction, NetworkSubject
-from persid_check.words import SHOWN, counted, decimal, input_names, marked
+from persid_check.networks.members import Members
+from persid_check.words import SHOWN, counted, decimal, input_names, marked, state_names
 
 
 def _model(subject: NetworkSubject) -> str:
@@ -22,8 +23,11 @@ def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> st
     terms = [f"{decimal(g / claim.kappa)} {name}" for g, name in list(zip(gains, names, strict=True))[:SHOWN] if g]
     terms += ["..."] if len(gains) > SHOWN else []
     bound = " + ".join([f"exp(-{decimal(claim.kappa, up=False)} t) V(x(0) - x*)", *terms])
+    subject = _model(claim.subject)
+    if claim.members is not None:
+        subject = f"Every member of the stated set of models about {subject[0].lower()}{subject[1:]}"
     parts = [
-        f"{_model(claim.subject)} is globally input-to-state stable about {about}"
+        f"{subject} is globally input-to-state stable about {about}"
         + (", with the constant b counted as one more input, b v, which in the model itself is held at v = 1." * offset)
         + "." * (not offset),
         f"V(x(t) - x*) <= {bound} for all t >= 0, with V(x) = sum w_k |x_k|"
@@ -34,7 +38,20 @@ def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> st
             "For every constant input there is exactly one equilibrium, and any two solutions with inputs u and u*"
             " satisfy this estimate with the second one in place of x*."
         )
+    if claim.members is not None:
+        parts.append(_members(claim.members))
     return " ".join(parts)
+
+
+def _members(members: Members) -> str:
+    """Say which models are meant; the numbers of the ellipsoids are those of the file."""
+    equations = ", ".join(state_names(members.model.states)[e.state] for e in members.ellipsoids[:SHOWN])
+    more = ", ..." if len(members.ellipsoids) > SHOWN else ""
+    return (
+        f"A member has d'zeta + e more in the equations of {equations or 'no state'}{more}, zeta = (x,"
+        f" values of functions, u), d constant with |d'zeta| <= |C zeta| for every zeta, C in the file, and any"
+        " constant e; the equilibria are the member's own. That a plant is a member is assumed, not proved."
+    )
 
 
 def decrease_steps(claim: NetworkClaim, rays: Sequence[int], how: str) -> tuple[str, ...]:
@@ -51,11 +68,15 @@ def decrease_steps(claim: NetworkClaim, rays: Sequence[int], how: str) -> tuple[
         f" unit vector; {claim.subject.nodes.entries} coupled pairs of nodes.",
         f"{count} forms of {len(claim.kinds)} kinds of nodes are each proved {what}.",
         *kinds,
-        "w_k sum_s v_s A_s[k,k] + sum_(i != k) w_i |sum_s v_s A_s[i,k]| + kappa w_k v_0 <= 0 for every node k and every"
-        f" generator v of its cone, {how}.",
-        "So D+V <= -kappa V + sum_l (|B|'w)_l |u_l - u_l*|: the estimate follows by integration (claim L1).",
+        f"w_k sum_s v_s A_s[k,k] + sum_(i != k) w_i |sum_s v_s A_s[i,k]|{_OF_MEMBERS * (claim.members is not None)}"
+        f" + kappa w_k v_0 <= 0 for every node k and every generator v of its cone, {how}.",
+        "So D+V <= -kappa V + sum_l beta_l |u_l - u_l*|, beta = |B|'w"
+        f"{_OF_INPUTS * (claim.members is not None)}: the estimate follows by integration (claim L1).",
     ]
     return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))
+
+
+_OF_MEMBERS, _OF_INPUTS = " + sum_i w_i |C_i E_k v|", ", and sum_i w_i |C_i e_l| more"
 
 
 def _function(text: str, alpha: Fraction) -> str:
