@@ -73,10 +73,12 @@ class Region(Question):
     near: tuple[float, ...] | None = None
 
     def largest(self, question: dict[str, Any]) -> float:
-        """Return the volume of the certified region; 0 where none is."""
+        """Return the volume of the certified region, infinite for all states; 0 where none is."""
         point: Any = "auto" if self.near is None else list(self.near)
         verdict = ps.certify(self.model, domain="auto", operating_point=point, **question)
-        return volume(verdict.certificate) if isinstance(verdict, ps.Certified) else 0.0
+        if not isinstance(verdict, ps.Certified):
+            return 0.0
+        return volume(verdict.certificate) if verdict.certificate.scope == "regional" else np.inf
 
 
 @dataclass(frozen=True)

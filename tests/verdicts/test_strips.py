@@ -19,6 +19,13 @@ def test_the_basin_of_a_cube_is_found_without_being_told() -> None:
     assert not bounds.is_in_region(certificate.stated, np.array([1.0]))
 
 
+def test_all_states_are_the_largest_region() -> None:
+    """Where a claim for all states is proved, nobody gets a smaller region; where a run escapes, a region."""
+    whole = ps.certify(ps.PersidskiiModel([[-1.0]], [("x**3", None, [[-1.0]])], [[1.0]]), domain="auto")
+    assert isinstance(whole, ps.Certified)
+    assert whole.certificate.scope == "global"
+
+
 def test_a_strip_reads_what_its_function_reads() -> None:
     """A saturated feedback around an unstable plant is bounded by a strip of the feedback, not by a box of states."""
     K = np.array([[1.2231, -2.2486]])

@@ -34,6 +34,7 @@ from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refu
 
 CLAIMS = ("strongest", "incremental", "practical")  # that may be asked for
 ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
+ALL_STATES = 0.25  # of the time for a region goes to the question whether it is all of R^n
 FULL_P_STATES = 50  # a full P is tried up to this many states
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
@@ -66,8 +67,8 @@ def certify(
             output in its own unit, in place of the states: certificate.output_gains and output_bound.
         operating_point: "auto" (the equilibrium nearest to x_ref) or a state; the equilibrium nearest to it is meant.
         u_op: the nominal constant input, (m,), default u_ref.
-        domain: "global"; "auto" for the largest region that is found, its bounds chosen by the search; "data" for a
-            region in the model's box of data only; or a box [[lo, hi], …].
+        domain: "global"; "auto" for the largest region that is found: all states where that is proved, else one whose
+            bounds the search chooses; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
         gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
             where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
         rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
@@ -186,7 +187,7 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
         points = find_operating_point(asked.model, asked.u, near=asked.near)
         outcome.append(f"{len(points)} found and proved")
     if asked.auto:
-        widest = _by_strips(asked, points, log)
+        widest = _widest(asked, points, log)
         return widest if isinstance(widest, Certified) else _undecided(widest, asked, log)
     verdict = None if asked.box is not None else _global(asked, points, log)
     if asked.claim == "practical" and not isinstance(verdict, Certified):
@@ -201,6 +202,13 @@ def _decide(asked: _Asked, log: Log) -> Verdict:
     if points and isinstance(regional, Failure) and failure.reason is Reason.OUTSIDE:  # a region was asked for
         failure = regional
     return _undecided(failure, asked, log)
+
+
+def _widest(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:
+    """Certify for all states, the largest region there is, where that takes little time; else in strips."""
+    with log.share(ALL_STATES):
+        everywhere = _global(asked, points, log)
+    return everywhere if isinstance(everywhere, Certified) else _by_strips(asked, points, log)
 
 
 def _undecided(failure: Failure, asked: _Asked, log: Log) -> Undecided:

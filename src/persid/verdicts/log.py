@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import isfinite
 
 from persid.certificates.certificate import Certificate
 from persid.lyapunov.multipliers import Lyapunov
@@ -26,6 +27,16 @@ class Log:
     def left(self) -> float:
         """Seconds until the time limit."""
         return self.began + self.limit - time.perf_counter()
+
+    @contextmanager
+    def share(self, part: float) -> Iterator[None]:
+        """Leave a part of the time that is left to what is asked first."""
+        whole = self.limit
+        self.limit -= (1 - part) * self.left() if isfinite(whole) else 0.0
+        try:
+            yield
+        finally:
+            self.limit = whole
 
     @contextmanager
     def attempt(self, what: str) -> Iterator[list[str]]:
