@@ -50,3 +50,20 @@ def drawn(seed: int) -> ps.DescriptorModel:
     R, A = np.round(4 * rng.normal(size=(count, n + k))) / 4, 0.5 * rng.normal(size=(n + k, count))
     B = np.vstack([np.eye(n), np.zeros((k, n))])
     return ps.DescriptorModel(A0, [(f, R, A)], B, algebraic=k)
+
+
+def fold() -> ps.DescriptorModel:
+    """x' = -x + w + u, 0 = 0.3 x - w + w^3: the branch of w = 0 ends where w^2 = 1/3, at |x| = FOLD."""
+    return ps.DescriptorModel(
+        [[-1.0, 1.0], [0.3, -1.0]], [("x**3", [[0.0, 1.0]], [[0.0], [1.0]])], [[1.0], [0.0]], algebraic=["w"]
+    )
+
+
+FOLD = 2 / 3**1.5 / 0.3
+
+
+def bus(seed: int) -> ps.DescriptorModel:
+    """A first order angle behind a bus without inertia, x' = p - a sin(x - w), 0 = a sin(x - w) - b sin(w) - u."""
+    a, b, p = np.random.default_rng(seed).uniform((0.5, 0.5, -0.3), (2.0, 2.0, 0.3))
+    lines = ("sin(x)", [[1.0, -1.0], [0.0, 1.0]], [[-a, 0.0], [a, -b]])
+    return ps.DescriptorModel([[0.0, 0.0]] * 2, [lines], [[0.0], [-1.0]], b=[p, 0.0], algebraic=["w"])

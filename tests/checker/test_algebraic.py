@@ -72,7 +72,7 @@ FORGED: dict[str, tuple[type, tuple[Any, ...], Any]] = {
     "no_equations": (Rejected, ("algebraic", "equations"), [[]]),
     "equations_negated": (Rejected, ("algebraic", "equations"), None),
     "another_field": (Malformed, ("algebraic", "bounds"), []),
-    "region": (Rejected, ("claim",), "region"),
+    "region": (Malformed, ("claim",), "region"),
     "practical": (Rejected, ("claim",), "practical"),
     "strip_of_an_algebraic_variable": (Rejected, ("strips",), [[[[1, ONE]], [-1, 0], ONE]]),
     "density_that_reads_it": (Rejected, ("points", 0, "densities"), [[0, ONE]]),

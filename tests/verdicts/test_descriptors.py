@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import persid as ps
-from descriptors import diode, drawn, loop, network
+from descriptors import FOLD, bus, diode, drawn, fold, loop, network
 
 
 def keeps_its_bound(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int = 0) -> bool:
@@ -97,9 +97,72 @@ def test_only_what_is_true_of_random_models_is_certified() -> None:
     assert sum(map(certified_truly, range(5, 25))) >= 5
 
 
+def stays(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int, runs: int = 6) -> bool:
+    """Whether runs from the edge of the region, with inputs as large as it allows, stay in it and on their branch."""
+    rng, t = np.random.default_rng(seed), np.linspace(0, 20, 81)
+    domains = [(p["row"], certificate.content["curves"][p["curve"]]["domain"]) for p in certificate.content["points"]]
+    rows = np.zeros((len(domains), model.rows.n))
+    for line, (row, _) in zip(rows, domains, strict=True):
+        line[[i for i, _ in row]] = [m * 2.0**e for _, (m, e) in row]
+    ends = [[m * 2.0**e for m, e in domain] for _, domain in domains]
+    rest = np.concatenate([certificate.operating_point, model.solve(certificate.operating_point, certificate.input)])
+    for _ in range(runs):
+        direction = rng.normal(size=model.n)
+        x0 = certificate.operating_point + edge(certificate, direction / np.linalg.norm(direction))
+        v = rng.choice([-1.0, 1.0], size=(9, model.m)) * certificate.input_bound / np.sqrt(model.m)
+        u = certificate.input + np.repeat(v, 9, axis=0)
+        run = model.simulate(x0, t, u, near=model.solve(x0, u[0], near=rest[model.n :]))[0]
+        args = (run.x - rest) @ rows.T
+        inside = all((lo <= y).all() and (y <= hi).all() for y, (lo, hi) in zip(args.T, ends, strict=True))
+        V = certificate.V(run.x[:, : model.n])
+        away = np.linalg.norm(run.x[:, : model.n] - certificate.operating_point, axis=1)
+        bounded = (away <= certificate.bound(x0, certificate.input_bound, run.t) * (1 + 1e-6)).all()
+        if len(run) < len(t) or (certificate.level * (1 + 1e-6) < V).any() or not (inside and bounded):
+            return False
+    return True
+
+
+def edge(certificate: ps.Certificate, direction: np.ndarray) -> np.ndarray:
+    """Where V reaches the level, just inside."""
+    low, high = 0.0, 1.0
+    while certificate.V((certificate.operating_point + high * direction)[None])[0] < certificate.level:
+        low, high = high, 2 * high
+    for _ in range(50):
+        middle = (low + high) / 2
+        inside = certificate.V((certificate.operating_point + middle * direction)[None])[0] < certificate.level
+        low, high = (middle, high) if inside else (low, middle)
+    return 0.999 * low * direction
+
+
+def test_a_region_ends_before_its_branch_does() -> None:
+    """Of a fold nearly all up to where the equation loses its solution is certified, and nothing beyond."""
+    assert not ps.certify(fold(), time_limit=5).is_certified
+    certificate = ps.certify(fold(), domain="auto", rate=0.25).certificate
+    assert certificate.claim == "region"
+    right = edge(certificate, np.array([1.0]))[0]
+    assert 0.95 * FOLD < right < FOLD
+    assert stays(fold(), certificate, seed=0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(4))
+def test_runs_from_the_edge_of_random_regions_stay(seed: int) -> None:
+    """Buses without inertia behind sines: runs with the largest inputs keep to the region, its strips and its bound."""
+    certificate = ps.certify(bus(seed), domain="auto").certificate
+    assert stays(bus(seed), certificate, seed)
+
+
+def test_a_region_is_about_a_stable_point_that_exists() -> None:
+    """Where the states run away, nothing is certified, and the reason is the linearisation."""
+    model = ps.DescriptorModel([[1.0, -0.5], [0.3, -1.0]], [("x**3", [[0.0, 1.0]], [[0.0], [1.0]])], algebraic=["w"])
+    verdict = ps.certify(model, domain="auto")
+    assert isinstance(verdict, ps.Undecided)
+    assert "not exponentially stable" in verdict.detail
+
+
 def test_a_question_that_does_not_fit_is_refused() -> None:
-    """Regions are not sought; an operating point is a state, or all variables."""
-    with pytest.raises(ps.ModelError, match="only global claims"):
-        ps.certify(loop(0.5), domain="auto")
+    """A region is one of strips; an operating point is a state, or all variables."""
+    with pytest.raises(ps.ModelError, match="a region of strips"):
+        ps.certify(loop(0.5), domain=[[-1.0, 1.0]])
     with pytest.raises(ps.ModelError, match="operating_point"):
         ps.certify(loop(0.5), operating_point=[1.0, 2.0, 3.0])

@@ -35,6 +35,7 @@ from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point, steepness
 from persid.lyapunov.practical import Rough
 from persid.lyapunov.proposals import Proposal
+from persid.lyapunov.reaching import bounded
 from persid.lyapunov.shifted_model import place
 from persid.lyapunov.unknowns import Label
 from persid.models.descriptor import DescriptorModel
@@ -131,10 +132,16 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     if not regional:
         return found if ledger.kappa else {"gamma": stored}
     inverse, level = np.linalg.inv(Pt), np.inf
+    reaches = iter(ledger.algebraic.bounds if ledger.algebraic is not None else ())
     for row, lo, hi in _sides(ledger):
-        r = np.zeros(n)
-        r[list(row)] = [float(v) for v in row.values()]
-        level = min(level, float(min(-lo, hi)) ** 2 / float(r @ inverse @ r))
+        if all(i < n for i in row):
+            r = np.zeros(n)
+            r[list(row)] = [float(v) for v in row.values()]
+            share = float(r @ inverse @ r)
+        else:
+            reach = next(reaches)
+            share = float(reach.alpha) + float(reach.beta) * float(ledger.kappa) / largest
+        level = min(level, float(min(-lo, hi)) ** 2 / share)
     level *= 1 - SLACK / 64
     bound = _floor(float(np.sqrt(float(ledger.kappa) * level / largest)))
     return found | {"level": rounded(level, 40), "input_bound": rounded(bound)}
@@ -211,7 +218,7 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[obj
 
 
 def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:
-    """Return what a file says of equations."""
+    """Return what a file says of equations, of a region with how far points go on their strips."""
     frame = proposal.frame
     count = frame.n - frame.order
     products = [
@@ -219,20 +226,33 @@ def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:
         for label, value in proposal.values.items()
         if label[0] == "solving" and len(label) == 4
     ]
-    solvable = {"multipliers": _rows(proposal, "solving", count), "products": products, "proof": []}
-    return {"solvable": solvable, "equations": _rows(proposal, "equation", count)}
+    solvable = {"multipliers": _rows(proposal, ("solving",), count), "products": products, "proof": []}
+    found = {"solvable": solvable, "equations": _rows(proposal, ("equation",), count)}
+    return found | ({"bounds": [_reach(proposal, p, at) for p in bounded(frame)]} if frame.is_regional else {})
 
 
-def _rows(proposal: Proposal, name: str, count: int) -> list[list[list[Any]]]:
-    """Return the rows of multipliers of so many equations."""
+def _reach(proposal: Proposal, p: int, at: list[dict[int, int]]) -> Json:
+    """Return how far a point goes, and why."""
+    facts = [
+        [label[2], at[label[2]][label[3]], at[label[2]][label[4]], dyadic(value)]
+        for label, value in proposal.values.items()
+        if label[:2] == ("reaching", p) and len(label) == 5
+    ]
+    rows = _rows(proposal, ("reaching", p), proposal.frame.n - proposal.frame.order)
+    alpha, beta = (_value(proposal, (name, p)) for name in ("alpha", "beta"))
+    return {"equations": rows, "value": facts, "alpha": alpha, "beta": beta, "proof": []}
+
+
+def _rows(proposal: Proposal, name: Label, count: int) -> list[list[list[Any]]]:
+    """Return the rows of multipliers of so many equations, by labels (*name, equation, entry)."""
     frame, rows = proposal.frame, [list[Any]() for _ in range(count)]
     channels = {at: frame.n + c for c, at in frame.places.items()}
     ahead = frame.n + len(frame.model.channels) - frame.entries
     for label, value in proposal.values.items():
-        if label[0] == name and len(label) == 3:
-            i = label[2]
+        if label[: len(name)] == name and len(label) == len(name) + 2:
+            *_, h, i = label
             place = i if i < frame.n else channels.get(i, i + ahead)
-            rows[label[1]].append([place, dyadic(value)])
+            rows[h].append([place, dyadic(value)])
     return [sorted(row) for row in rows]
 
 
@@ -243,6 +263,8 @@ def _uses(label: Label) -> list[tuple[int, int, tuple[str, ...]]]:
             return [(p, k, SECTOR)]
         case ("value" | "constant", p, k, j):
             return [(p, k, SECTOR), (p, j, SECTOR)]
+        case ("reaching", _, q, k, j):
+            return [(q, k, SECTOR), (q, j, SECTOR)]
         case ("one_signed", p, k, q, j):
             return [(p, k, ("one-signed",)), (q, j, ("one-signed",))]
         case ("slope", p, k, j) | ("solving", p, k, j):

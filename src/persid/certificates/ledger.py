@@ -14,8 +14,8 @@ from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid_check.exact import Matrix, diagonal, is_large
 from persid_check.ledger import FORMAT
-from persid_check.ledger.algebraic import form_of_differences
-from persid_check.ledger.assembly import assemble
+from persid_check.ledger.algebraic import bounded_points, form_of_differences, form_of_reach
+from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.values import Ledger
 
@@ -68,17 +68,23 @@ def with_proof(draft: Json) -> Json:
         "M": _proved(matrices.M.kept(kept, kept)),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
-    return draft | {"proof": proof} | _with_algebraic(draft, ledger)
+    return draft | {"proof": proof} | _with_algebraic(draft, ledger, matrices)
 
 
-def _with_algebraic(draft: Json, ledger: Ledger) -> Json:
+def _with_algebraic(draft: Json, ledger: Ledger, matrices: Assembly) -> Json:
     """Return what is said of equations with factors, nothing of a model without them."""
     said = ledger.algebraic
     if said is None:
         return {}
     written = draft["algebraic"]
     solvable = {**written["solvable"], "proof": factor(floats(form_of_differences(ledger, said)))}
-    return {"algebraic": {**written, "solvable": solvable}}
+    found = {**written, "solvable": solvable}
+    if ledger.claim == "region":
+        listed = zip(bounded_points(ledger), said.bounds, written["bounds"], strict=False)
+        found["bounds"] = [
+            {**entry, "proof": factor(floats(form_of_reach(ledger, p, reach, matrices)))} for p, reach, entry in listed
+        ]
+    return {"algebraic": found}
 
 
 def _proved(M: Matrix) -> list[list[int]] | Json:

@@ -8,6 +8,7 @@ is linear in the rows n_i and in tau: the largest margin is sought (docs/ledger.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
 
@@ -24,6 +25,14 @@ from persid.lyapunov.system import scaling
 START = 0.3  # of the ball of radius 1 in which a margin is sought
 _ONE, _HALF = Fraction(1), Fraction(1, 2)
 Values = dict[tuple[object, ...], Fraction]
+
+
+def solved(frame: Frame, left: Callable[[], float]) -> Frame | None:
+    """Return the frame with why its equations, if any, have one solution; None where that is not found."""
+    if frame.order == frame.n:
+        return frame
+    values = solving(frame, left)
+    return None if values is None else replace(frame, solving=values)
 
 
 def solving(frame: Frame, left: Callable[[], float]) -> Values | None:

@@ -23,6 +23,7 @@ from persid.lyapunov.frame import Frame
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.proposals import ROOM, Candidate, Left, feasible
 from persid.lyapunov.sectors import Curve
+from persid.lyapunov.solvability import solved
 from persid_check.search.prover import prove_continuous
 
 DIRECTIONS = 600  # in which a level set is looked at
@@ -48,7 +49,7 @@ class Sublevel:
     @classmethod
     def of(cls, candidate: Candidate, within: Float[ndarray, "g n"]) -> "Sublevel":
         """Look at the set; `within` are rows r/h that stay below 1 in it."""
-        levels, n = Levels(candidate), candidate.frame.n
+        levels, n = Levels(candidate), candidate.frame.order
         d = np.random.default_rng(0).normal(size=(DIRECTIONS, n))
         d = np.vstack([d, -d]) / np.linalg.norm(np.vstack([d, d]), axis=1, keepdims=True)
         d = sla.solve_triangular(np.linalg.cholesky(levels.Pt).T, d.T).T  # a sphere, if V were x'Pt x
@@ -75,7 +76,7 @@ class Levels:
     @cached_property
     def Pt(self) -> Float[ndarray, "n n"]:
         """The matrix of the quadratic lower bound of V."""
-        n, units = self.candidate.frame.n, self.candidate.matrices.units
+        n, units = self.candidate.frame.order, self.candidate.matrices.units
         return np.asarray(self.candidate.Pt(self.candidate.w) / np.outer(units[:n], units[:n]))
 
     def V(self, x: Float[ndarray, "N n"]) -> Float[ndarray, " N"]:
@@ -108,22 +109,27 @@ def _integrals(curve: Curve) -> tuple[Float[ndarray, " K"], Float[ndarray, "K d"
 
 @dataclass
 class Search:
-    """Widths of strips for a frame, and the largest region that was found with them."""
+    """Widths of strips for a frame, and the largest region that was found with them.
+
+    Of a model with algebraic variables these follow the states, as its linearisation tells.
+    """
 
     frame: Frame
     kappa: Fraction
     shape: Float[ndarray, "n n"]  # P of the linearisation
     left: Left
+    following: Float[ndarray, "k n"] | None = None  # derivatives of algebraic variables by the states
     best: Sublevel | None = None
     widths: Widths = ()
 
     @cached_property
     def rows(self) -> Float[ndarray, "g n"]:
-        """The rows of the points."""
+        """The rows of the points, over the states."""
         rows = np.zeros((len(self.frame.points), self.frame.n))
         for line, point in zip(rows, self.frame.points, strict=True):
             line[list(point.row)] = [float(v) for v in point.row.values()]
-        return rows
+        n = self.frame.order
+        return rows if self.following is None else rows[:, :n] + rows[:, n:] @ self.following
 
     def run(self) -> Sublevel | None:
         """Widen all strips together, then single ones, while the region grows."""
@@ -162,9 +168,10 @@ class Search:
         curves = {point.curve for point in points}
         if not all(prove_continuous(curve.exact, curve.domain, curve.shift) for curve in curves):
             return None
-        return enlarged(
-            replace(self.frame, points=points), self.kappa, self.rows / np.array(widths)[:, None], self.left
-        )
+        frame = solved(replace(self.frame, points=points), self.left)
+        if frame is None:
+            return None
+        return enlarged(frame, self.kappa, self.rows / np.array(widths)[:, None], self.left)
 
 
 def enlarged(frame: Frame, kappa: Fraction, within: Float[ndarray, "g n"], left: Left) -> Sublevel | None:
@@ -172,7 +179,7 @@ def enlarged(frame: Frame, kappa: Fraction, within: Float[ndarray, "g n"], left:
     candidate = feasible(frame, kappa, left, across=False)
     if candidate is None:
         return None
-    scaled = candidate.matrices.units[: frame.n] * within
+    scaled = candidate.matrices.units[: frame.order] * within
     Pt, N = candidate.matrices.Pt(), candidate.N
     faces = [Block.of(Pt, N, -np.outer(row, row)) for row in scaled]
     inverse = np.linalg.inv(candidate.Pt(candidate.w))

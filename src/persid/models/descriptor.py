@@ -177,10 +177,18 @@ class DescriptorModel:
         Entries are infinite where J_ww is singular.
         """
         J, n = np.asarray(self.rows.jacobian(z)), self.n
+        following = self.following(z)
+        return (
+            np.asarray(J[:n, :n] + J[:n, n:] @ following) if np.isfinite(following).all() else np.full((n, n), np.inf)
+        )
+
+    def following(self, z: Float[ndarray, " N"]) -> Float[ndarray, "k n"]:
+        """Return the derivatives of w by x at variables that solve the equations, infinite where J_ww is singular."""
+        J, n = np.asarray(self.rows.jacobian(z)), self.n
         try:
-            return np.asarray(J[:n, :n] - J[:n, n:] @ np.linalg.solve(J[n:, n:], J[n:, :n]))
+            return np.asarray(-np.linalg.solve(J[n:, n:], J[n:, :n]))
         except np.linalg.LinAlgError:
-            return np.full((n, n), np.inf)
+            return np.full((len(self.algebraic), n), np.inf)
 
     def simulate(
         self, x0: object, t: Float[ndarray, " N"], u: Input = None, *, near: object = None, rtol: float = 1e-8,

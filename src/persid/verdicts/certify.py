@@ -68,7 +68,8 @@ def certify(
         operating_point: "auto" (the equilibrium nearest to x_ref) or a state; the equilibrium nearest to it is meant.
         u_op: the nominal constant input, (m,), default u_ref.
         domain: "global"; "auto" for the largest region that is found: all states where that is proved, else one whose
-            bounds the search chooses; "data" for a region in the model's box of data only; or a box [[lo, hi], …].
+            bounds the search chooses; "data" for a region in the model's box of data only; or a box [[lo, hi], …]. Of a
+            model with algebraic variables one of the first two.
         gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
             where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
         rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
@@ -113,12 +114,13 @@ def certify(
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
     if isinstance(model, DescriptorModel):
-        if not (isinstance(domain, str) and domain == "global"):
-            raise ModelError('of a model with algebraic variables only global claims are sought: domain="global"')
+        if not (isinstance(domain, str) and domain in ("global", "auto")):
+            raise ModelError('of a model with algebraic variables domain is "global" or "auto", a region of strips')
         if claim == "practical":
             raise ModelError('no claim="practical" is sought of a model with algebraic variables')
         log = Log(float(time_limit), progress or (lambda line: None))
-        return _of_equations(model, operating_point, u_op, rate, gains == "each", claim, log)
+        asked_claim = "region" if domain == "auto" else claim
+        return _of_equations(model, operating_point, u_op, rate, gains == "each", asked_claim, log)
     dynamics = model.dynamics if isinstance(model, OutputModel) else model
     arrays = arrays_on(device)
     log = Log(float(time_limit), progress or (lambda line: None))
@@ -446,7 +448,8 @@ def _by_strips(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> C
     failure = Failure(Reason.OUTSIDE, words.NO_POINT)
     for k, point in enumerate(points):
         with log.attempt("region of strips, their widths chosen for its volume") as outcome:
-            answer = by_strips(Setting.of(asked.model, point), asked.rate, asked.each, log, asked.outputs)
+            setting = Setting.of(asked.model, point)
+            answer = by_strips(About.of(setting), frame_of(setting), asked.rate, asked.each, log, asked.outputs)
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             return Certified(answer, tuple(log.attempts))

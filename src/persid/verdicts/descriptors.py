@@ -17,7 +17,7 @@ from persid.lyapunov.shifted_model import is_reference, place, undefined
 from persid.lyapunov.solvability import solving
 from persid.models.descriptor import DescriptorModel
 from persid.verdicts import failures as words
-from persid.verdicts.facts import About, by_facts
+from persid.verdicts.facts import About, by_facts, by_strips
 from persid.verdicts.failures import Failure
 from persid.verdicts.log import Log
 from persid.verdicts.verdict import Certified, Reason, Undecided
@@ -28,13 +28,18 @@ def certify_descriptor(
     model: DescriptorModel, near: object, u: Float[ndarray, " m"], rate: float | int | None, each: bool, claim: str,
     log: Log,
 ) -> Certified | Undecided:  # fmt: skip
-    """Return the verdict on a model about the equilibrium nearest to some variables ("auto": to its reference)."""
+    """Return the verdict on a model about the equilibrium nearest to some variables ("auto": to its reference).
+
+    The claim is "strongest" or "incremental" of all states, or "region" for the largest region that is found.
+    """
     near = None if isinstance(near, str) and near == "auto" else _variables(model, near, u)
     with log.attempt("equilibria at the nominal input") as outcome:
         points = find_operating_point(model.rows, u, near=near)
         outcome.append(f"{len(points)} found and proved")
     if not points:
         return _undecided(Failure(Reason.OUTSIDE, words.NO_POINT), log)
+    if claim == "region":
+        return _region(model, points, rate, each, log)
     if missing := undefined(model.rows):
         return _undecided(Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4]))), log)
     point = None if is_reference(model.rows, points[0]) else points[0]
@@ -54,10 +59,33 @@ def certify_descriptor(
     return Certified(found, tuple(log.attempts), fastest)
 
 
+def _region(
+    model: DescriptorModel, points: Sequence[OperatingPoint], rate: float | int | None, each: bool, log: Log
+) -> Certified | Undecided:
+    """Certify the largest region that is found about the first equilibrium that allows one."""
+    failures = []
+    for nearest in points:
+        point = None if is_reference(model.rows, nearest) else nearest
+        about = About(model, point, model.jacobian(nearest.x))
+        with log.attempt("region of strips, with equations that have one solution in them") as outcome:
+            found = by_strips(about, _candidates(model, point), rate, each, log)
+            outcome.append(f"certified, {found.claim}" if isinstance(found, Certificate) else found.reason.name.lower())
+        if isinstance(found, Certificate):
+            return Certified(found, tuple(log.attempts))
+        failures.append(found)
+    return _undecided(failures[0], log)
+
+
+def _candidates(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
+    """Return the frame of a model, with candidate forms on all of R."""
+    points = points_of(model.rows, place(model.rows, point, None))
+    return Frame(model_of(model.canonical, algebraic=True), points, point is None and bool(model.b.any()))
+
+
 def _frame(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
     """Return the frame of a model on all of R^n, with the forms that are proved."""
-    points = tuple(map(proved, points_of(model.rows, place(model.rows, point, None))))
-    return Frame(model_of(model.canonical, algebraic=True), points, point is None and bool(model.b.any()))
+    frame = _candidates(model, point)
+    return replace(frame, points=tuple(map(proved, frame.points)))
 
 
 def _undecided(failure: Failure, log: Log) -> Undecided:

@@ -16,8 +16,10 @@ from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import points_of
-from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_gain
+from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_gain, system_of
+from persid.lyapunov.reaching import with_reaches
 from persid.lyapunov.shifted_model import Setting, place
+from persid.lyapunov.solvability import solved
 from persid.lyapunov.strips import Search, enlarged, of_linearisation
 from persid.lyapunov.system import scaling
 from persid.lyapunov.zero_rows import reduced
@@ -68,6 +70,13 @@ class About:
     point: OperatingPoint | None
     jacobian: Float[ndarray, "n n"]
 
+    @property
+    def following(self) -> Float[ndarray, "k n"] | None:
+        """How algebraic variables follow the states in the linearisation, None without such variables."""
+        if not isinstance(self.model, DescriptorModel):
+            return None
+        return self.model.following(self.model.rows.x_ref if self.point is None else self.point.x)
+
     @classmethod
     def of(cls, setting: Setting) -> "About":
         """Return what a setting is about."""
@@ -108,14 +117,17 @@ def certificate_of(
 ) -> Certificate | Failure:
     """Return the certificate of a candidate, or why it was lost in exact arithmetic."""
     try:
+        proposal = with_reaches(found.proposal(), log.left)
+        if proposal is None:
+            return Failure(Reason.NOT_FOUND, words.NO_REACH)
         log.progress("checking in exact arithmetic")
-        return prove_facts(about.model, found.proposal(), about.point, each=each, outputs=outputs)
+        return prove_facts(about.model, proposal, about.point, each=each, outputs=outputs)
     except (RejectedError, RoundingError) as error:
         return Failure(Reason.ROUNDING, str(error))
 
 
 def by_strips(
-    setting: Setting, rate: float | int | None, each: bool, log: Log, outputs: OutputModel | None = None
+    about: About, frame: Frame, rate: float | int | None, each: bool, log: Log, outputs: OutputModel | None = None
 ) -> Certificate | Failure:
     """Certify the largest region that strips of the functions' own arguments allow, about a stable equilibrium.
 
@@ -124,29 +136,31 @@ def by_strips(
     Widths are sought at the rate (1/s) that is asked for, if there is a region then, else at one that costs no volume;
     then the largest rate is taken that leaves most of the volume.
     """
-    J = setting.jacobian
-    limit = setting.fastest if np.isfinite(J).all() else 0.0
+    J = about.jacobian
+    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
-    frame, units = frame_of(setting), scaling(setting.system).states
+    units = scaling(system_of(frame)).states[: frame.order]
     slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(2 * ABOVE * rate)
     reserve = (1 - SEARCHING) * log.left()
-    search = Search(frame, slowest, of_linearisation(J, units), lambda: log.left() - reserve)
+    search = Search(frame, slowest, of_linearisation(J, units), lambda: log.left() - reserve, about.following)
     best = search.run() if slowest < limit else None
     if best is None and rate is not None:
-        return by_strips(setting, None, each, log, outputs)
+        return by_strips(about, frame, None, each, log, outputs)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     widths = np.array(search.widths)
     points = tuple(proved(point) for point in best.candidate.frame.points)
-    frame, within = replace(frame, points=points), search.rows / widths[:, None]
+    solved_frame, within = solved(replace(frame, points=points), log.left), search.rows / widths[:, None]
     failure = stopped(Status.INFEASIBLE)
+    if solved_frame is None:
+        return failure
     for kappa in sorted({slowest, *(_power_of_two(limit * share) for share in FASTER)}, reverse=True):
         if kappa < slowest:
             break
-        found = enlarged(frame, kappa, within, log.left)
+        found = enlarged(solved_frame, kappa, within, log.left)
         if found is not None and (found.volume >= KEPT * best.volume or kappa == slowest):
-            answer = certificate_of(About.of(setting), found.candidate, each, log, outputs)
+            answer = certificate_of(about, found.candidate, each, log, outputs)
             if isinstance(answer, Certificate):
                 return answer
             failure = answer

@@ -41,6 +41,10 @@ NOT_SOLVABLE = (
     "It is not proved that the equations have exactly one solution for every state and input. A slope of a loop that "
     "reaches 1 gives them several: change the algebraic part, or bound its functions' slopes."
 )
+NO_REACH = (
+    "It was not found how far arguments of functions that read algebraic variables go in the region; "
+    "another rate, or functions with bounded slopes, may allow it."
+)
 NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."
 NO_MARGIN = (
     "The margin is zero or close to it. Where a fit left it small, a little more ridge usually decides it. Where the "

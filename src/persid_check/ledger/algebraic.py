@@ -1,19 +1,25 @@
-"""Equations of a model with algebraic variables: they have exactly one solution.
+"""Equations of a model with algebraic variables: they have one solution, and a region keeps to its strips.
 
 Section 11 of the specification (docs/ledger.md): what is asked beyond sections 2 to 7.
 """
 
-from persid_check.definite import proof_of
-from persid_check.exact import Matrix
-from persid_check.ledger.assembly import equations, flow_matrix, padded, products_of
-from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger
-from persid_check.results import NotProvedError
+from collections import Counter
+from fractions import Fraction
 
-CLAIMS = ("iss", "rate-and-gain")
+from persid_check.definite import proof_of
+from persid_check.exact import Matrix, diagonal, matrix
+from persid_check.ledger.assembly import Assembly, equations, flow_matrix, padded, products_of
+from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger, Reach
+from persid_check.results import NotProvedError
+from persid_check.work import spend
+
+CLAIMS = ("iss", "rate-and-gain", "region")
+CHORDS = ("value", "difference")  # kinds of facts that hold of functions that go on along chords
+_ZERO = Fraction(0)
 
 
 def prove_algebraic(ledger: Ledger, said: Algebraic | None) -> None:
-    """Prove what the file says of equations, beside M > 0.
+    """Prove what the file says of equations, beside M > 0 and where a region keeps to its strips.
 
     Raises:
         NotProvedError: a hypothesis of section 11 is not proved.
@@ -25,6 +31,7 @@ def prove_algebraic(ledger: Ledger, said: Algebraic | None) -> None:
     if ledger.has_slopes:
         raise NotProvedError("P", "with algebraic variables P is over the states, and no fact is about slopes")
     _densities(ledger)
+    _changed(ledger)
     _solvable(ledger, said)
 
 
@@ -70,3 +77,58 @@ def _difference(ledger: Ledger, fact: Fact, own: set[int], where: str) -> None:
         read = {n + c for c, value in zip(point.channels, curve.forms[k].l[1:], strict=True) if value}
         if not read <= own:
             raise NotProvedError(where, "a form reads more than the equations' own variables")
+
+
+def bounded_points(ledger: Ledger) -> list[int]:
+    """Return the points on a domain whose rows read algebraic variables."""
+    domains = (ledger.curves[point.curve].domain for point in ledger.points)
+    return [p for p, domain in enumerate(domains) if domain is not None and ledger.reads_algebraic(p)]
+
+
+def _changed(ledger: Ledger) -> None:
+    """What is said of points on domains that read algebraic variables holds of functions with chords beyond, too."""
+    bounded = bounded_points(ledger)
+    if any(i >= ledger.model.order for row, *_ in ledger.strips for i in row):
+        raise NotProvedError("strips", "a strip reads an algebraic variable; only domains of points may")
+    times = Counter(c for point in ledger.points for c in point.channels)
+    spend(times.total())
+    for p in bounded:
+        if any(times[c] > 1 for c in ledger.points[p].channels):
+            raise NotProvedError(f"points[{p}]", "its row reads an algebraic variable: its channels stand once")
+    if any(fact.kind not in CHORDS for fact in ledger.facts if not {fact.p, fact.q}.isdisjoint(bounded)):
+        raise NotProvedError("facts", "on domains that read algebraic variables they are of one form or a difference")
+
+
+def prove_bounds(ledger: Ledger, said: Algebraic, matrices: Assembly) -> None:
+    """Prove that in the region every row that reads an algebraic variable stays on its domain.
+
+    Raises:
+        NotProvedError: a row may leave it.
+    """
+    places = bounded_points(ledger)
+    if len(said.bounds) != len(places):
+        raise NotProvedError("algebraic.bounds", f"{len(said.bounds)} are given; needed are {len(places)}")
+    for i, (p, reach) in enumerate(zip(places, said.bounds, strict=True)):
+        where = f"algebraic.bounds[{i}]"
+        for fact in reach.facts:
+            if not all(ledger.curves[ledger.points[fact.p].curve].is_sector(k) for k in (fact.k, fact.l)):
+                raise NotProvedError(where, "both forms of a fact must be sector forms")
+        if proof_of(form_of_reach(ledger, p, reach, matrices), reach.proof) is None:
+            raise NotProvedError(where, "(r'z)^2 <= alpha V + beta |v|^2 is not proved")
+        domain = ledger.curves[ledger.points[p].curve].domain
+        h = min(-domain[0], domain[1]) if domain is not None else _ZERO
+        if reach.alpha * ledger.level + reach.beta * ledger.input_bound**2 > h * h:
+            raise NotProvedError(where, "the row is not proved to stay on its domain")
+
+
+def form_of_reach(ledger: Ledger, p: int, reach: Reach, matrices: Assembly) -> Matrix:
+    """Return the form alpha x'Pt x + beta |v|^2 - (r'z)^2 less equations and facts, where its rows are not zero."""
+    flow = flow_matrix(ledger)
+    spend(flow.width**2)
+    r = matrix([[ledger.points[p].row.get(j, _ZERO) for j in range(flow.width)]], flow.width)
+    scaled = diagonal([reach.alpha] * ledger.model.order) * matrices.Pt
+    supply = diagonal([_ZERO] * ledger.entries + [reach.beta] * ledger.inputs)
+    known = equations(ledger, flow, reach.equations) + padded(products_of(ledger, reach.facts), flow.width)
+    form = padded(scaled, flow.width) + supply + -(r.T * r) + -known
+    kept = [i for i, row in enumerate(form.flint.table()) if any(value != 0 for value in row)]
+    return form.kept(kept, kept)

@@ -25,6 +25,7 @@ from persid_check.ledger.values import (
     Outputs,
     Point,
     ProductForm,
+    Reach,
     Row,
     Upper,
 )
@@ -123,7 +124,9 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
         input_bound=read_dyadic("input_bound", data["input_bound"]),
         outputs=_outputs(data["outputs"], form),
         proof=_proof(data["proof"], arrays or {}),
-        algebraic=_algebraic(data[ALGEBRAIC], curves, points, model, v) if equations else None,
+        algebraic=(
+            _algebraic(data[ALGEBRAIC], curves, points, model, v, regional=claim == "region") if equations else None
+        ),
     )
 
 
@@ -298,9 +301,9 @@ def _fact(where: str, kind: str, entry: list[object], curves: Sequence[Curve], p
 
 
 def _algebraic(
-    value: object, curves: Sequence[Curve], points: Sequence[Point], model: Model, v: int
+    value: object, curves: Sequence[Curve], points: Sequence[Point], model: Model, v: int, *, regional: bool
 ) -> Algebraic:  # fmt: skip
-    value = read_object(ALGEBRAIC, value, ("solvable", "equations"))
+    value = read_object(ALGEBRAIC, value, ("solvable", "equations", *["bounds"] * regional))
     solvable = read_object("algebraic.solvable", value["solvable"], ("multipliers", "products", "proof"))
     entries = model.n + len(model.channels)
 
@@ -314,11 +317,23 @@ def _algebraic(
             _fact(f"{where}[{i}]", "value", read_list(f"{where}[{i}]", row, 4), curves, points) for i, row in listed
         )
 
+    def reach(where: str, given: object) -> Reach:
+        entry = read_object(where, given, ("equations", "value", "alpha", "beta", "proof"))
+        return Reach(
+            rows(f"{where}.equations", entry["equations"], entries + v),
+            facts(f"{where}.value", entry["value"]),
+            read_nonnegative(f"{where}.alpha", entry["alpha"]),
+            read_nonnegative(f"{where}.beta", entry["beta"]),
+            read_factor(f"{where}.proof", entry["proof"]),
+        )
+
+    bounds = enumerate(read_list("algebraic.bounds", value["bounds"]) if regional else ())
     return Algebraic(
         rows("algebraic.solvable.multipliers", solvable["multipliers"], entries),
         facts("algebraic.solvable.products", solvable["products"]),
         read_factor("algebraic.solvable.proof", solvable["proof"]),
         rows("algebraic.equations", value["equations"], entries + v),
+        tuple(reach(f"algebraic.bounds[{i}]", entry) for i, entry in bounds),
     )
 
 

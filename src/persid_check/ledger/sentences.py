@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from persid_check.ledger.algebraic import bounded_points
 from persid_check.ledger.further import forgets, has_feedback, is_moved
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
@@ -53,6 +54,8 @@ def _equations(ledger: Ledger) -> list[str]:
     names = ", ".join(state_names(ledger.model.states)[n : n + SHOWN]) + (
         ", ..." if ledger.model.algebraic > SHOWN else ""
     )
+    if ledger.claim == "region":
+        return [f"Its equations are those of {names}."]
     return [f"For every x and u its equations have exactly one solution {names}, which depends on them continuously."]
 
 
@@ -146,9 +149,15 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     start = _clock(ledger).start
     sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
     sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
+    within, size, branch = f"{sides or 'no strip'} and ", decimal(ledger.input_bound, up=False), ""
+    if ledger.algebraic is not None:
+        bounded = len(bounded_points(ledger))
+        inside = f" in the strips {sides}" if bounded else ""
+        branch = f", with the solution of its equations{inside}, of which each such x and u have exactly one,"
+        within = within if not bounded else "the strips below that read x alone and " * (len(found) > bounded)
     return [
-        f"The set of x with {sides or 'no strip'} and V(x) <= {_one(ledger.level)} is invariant for inputs"
-        f" with |u - u*| <= {decimal(ledger.input_bound, up=False)}, and from every {start} in it {bound}."
+        f"The set of x with {within}V(x) <= {_one(ledger.level)} is invariant for inputs with |u - u*| <= {size},"
+        f" and from every {start} in it{branch} {bound}."
     ]
 
 
@@ -317,6 +326,7 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     if ledger.algebraic is not None:
         products = counted(len(ledger.algebraic.products), "product")
         lines.append(f"11. The equations have one solution: a form of differences, {products}, is positive definite.")
+        lines += ["11. Every row that reads an algebraic variable stays on its domain."] * bool(ledger.algebraic.bounds)
     if ledger.dropped:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")

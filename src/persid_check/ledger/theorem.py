@@ -9,7 +9,7 @@ from flint import nmod_mat
 from persid_check.definite import Definite, Root, proof_of, proves
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
-from persid_check.ledger.algebraic import prove_algebraic
+from persid_check.ledger.algebraic import prove_algebraic, prove_bounds
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.further import holds_everywhere, holds_of_members, is_incremental
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
@@ -374,7 +374,7 @@ def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
 
 
 def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
-    sides = strips(ledger)
+    sides = [side for side in strips(ledger) if all(i < ledger.model.order for i in side[0])]
     for (_, lo, hi), bound in zip(sides, bounding.bounds([row for row, *_ in sides]), strict=True):
         h = min(-lo, hi)
         if h <= 0:
@@ -385,6 +385,8 @@ def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
     room = ledger.kappa * ledger.level - supply
     if room < 0 or _largest(ledger, matrices) * ledger.input_bound**32 > room**16:
         raise NotProvedError("input_bound", "the region is not proved invariant for inputs of this size")
+    if ledger.algebraic is not None:
+        prove_bounds(ledger, ledger.algebraic, matrices)
 
 
 def _largest(ledger: Ledger, matrices: Assembly) -> Fraction:

@@ -153,13 +153,25 @@ class Outputs:
 
 
 @dataclass(frozen=True)
+class Reach:
+    """How far the row of a point may go: (r'z)^2 <= alpha V + beta |v|^2, by equations, facts and a proof."""
+
+    equations: tuple[Row, ...]
+    facts: tuple[Fact, ...]
+    alpha: Fraction
+    beta: Fraction
+    proof: Factor
+
+
+@dataclass(frozen=True)
 class Algebraic:
-    """What a file says of equations: why they have one solution, and their multipliers."""
+    """What a file says of equations: why they have one solution, their multipliers, and how far points may go."""
 
     solving: tuple[Row, ...]
     products: tuple[Fact, ...]
     proof: Factor
     equations: tuple[Row, ...]
+    bounds: tuple[Reach, ...] = ()
 
 
 @dataclass(frozen=True)
