@@ -17,6 +17,7 @@ from persid.lyapunov.shifted_model import is_reference, place, undefined
 from persid.lyapunov.solvability import solving
 from persid.models.descriptor import DescriptorModel
 from persid.verdicts import failures as words
+from persid.verdicts.certify import ALL_STATES
 from persid.verdicts.facts import About, by_facts, by_strips
 from persid.verdicts.failures import Failure
 from persid.verdicts.log import Log
@@ -30,7 +31,8 @@ def certify_descriptor(
 ) -> Certified | Undecided:  # fmt: skip
     """Return the verdict on a model about the equilibrium nearest to some variables ("auto": to its reference).
 
-    The claim is "strongest" or "incremental" of all states, or "region" for the largest region that is found.
+    The claim is "strongest" or "incremental" of all states, or "region" for the largest region that is found: all
+    states where that is proved.
     """
     near = None if isinstance(near, str) and near == "auto" else _variables(model, near, u)
     with log.attempt("equilibria at the nominal input") as outcome:
@@ -38,11 +40,20 @@ def certify_descriptor(
         outcome.append(f"{len(points)} found and proved")
     if not points:
         return _undecided(Failure(Reason.OUTSIDE, words.NO_POINT), log)
-    if claim == "region":
-        return _region(model, points, rate, each, log)
+    if claim != "region":
+        return _global(model, points[0], rate, each, claim, log)
+    with log.share(ALL_STATES):
+        everywhere = _global(model, points[0], rate, each, claim, log)
+    return everywhere if isinstance(everywhere, Certified) else _region(model, points, rate, each, log)
+
+
+def _global(
+    model: DescriptorModel, nearest: OperatingPoint, rate: float | int | None, each: bool, claim: str, log: Log
+) -> Certified | Undecided:
+    """Return the verdict for all states."""
     if missing := undefined(model.rows):
         return _undecided(Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4]))), log)
-    point = None if is_reference(model.rows, points[0]) else points[0]
+    point = None if is_reference(model.rows, nearest) else nearest
     frame = _frame(model, point)
     frame = frame.monotone if claim == "incremental" else frame
     with log.attempt("equations that have one solution") as outcome:
@@ -51,7 +62,7 @@ def certify_descriptor(
     if values is None:
         return _undecided(Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE), log)
     with log.attempt("facts and equations") as outcome:
-        about = About(model, point, model.jacobian(points[0].x))
+        about = About(model, point, model.jacobian(nearest.x))
         found, fastest = by_facts(about, replace(frame, solving=values), rate, each, log)
         outcome.append(f"certified, {found.claim}" if isinstance(found, Certificate) else found.reason.name.lower())
     if isinstance(found, Failure):
