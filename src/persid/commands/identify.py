@@ -170,7 +170,8 @@ def run(
         record = Record(_command(), sources(found), reading, fit.report_, *facts, *shown)
         progress("drawing the report")
         held = kept_out if test else held_out(measured, made.scores)
-        proof = write_folder(output, Results(made.model, verdict, measured, record, held), made.alternative)
+        results = Results(made.model, verdict, measured, record, held)
+        proof = write_folder(output, results, made.alternative)
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}
     files = {name: str(path) for name, path in paths.items()}
@@ -185,6 +186,7 @@ def run(
     said = {
         "caution": "; ".join(beside) or None,
         "residuals_within": None if within is None else within[0],
+        "plant": None if results.plant is None else results.plant.to_dict(),
         "fits": (made.comparison or {}).get("fits"),
         "files": files,
         **score_facts(made),

@@ -108,12 +108,16 @@ class PlantMargin:
                 else f" and stays in the long run within {self.spread:.4g} of x* without input"
             )
             proved = f"Every plant x' = F(x, u) + g with {g} is certified{stays}."
-        doubts = "".join(f" But {alarm.text}." for alarm in self.alarms)
-        models = "" if self.models is None else f" {self.models.sentence(self.confidence)}"
+        said = "" if self.models is None else f" {self.models.sentence(self.confidence)}"
         return (
             f"{proved} That your plant is one of them is not proved; what the data say is an estimate: {about}."
-            f"{models}{doubts}"
+            f"{said}{self.doubts}"
         )
+
+    @property
+    def doubts(self) -> str:
+        """What the alarms say, in sentences."""
+        return "".join(f" But {alarm.text}." for alarm in self.alarms)
 
 
 def plant_margin(

@@ -10,16 +10,21 @@ from persid._dyadics import value
 from persid._files import Json
 from persid._text import below
 from persid.certificates.certificate import Certificate
+from persid.errors import DataError, UnderdeterminedError
+from persid.identification.estimates import Dictionary
 from persid.identification.scores import Ahead, Scores
 from persid.lyapunov.operating_points import find_operating_point
 from persid.measurements.recordings import Measurements
+from persid.measurements.trajectories import Trajectories
 from persid.models.model import PersidskiiModel
+from persid.plants.margin import PlantMargin, Reading, margin_of
 from persid.plants.residuals import doubt, inside, measured_residuals
 from persid.verdicts.verdict import Certified, Refuted, Verdict
 
 if TYPE_CHECKING:
     from persid.certified_fits.delivery import Delivery
 
+FEW_COLUMNS = 12  # of a model of which the coefficients that data allow are looked at as one set
 MOST_STATES = 20  # of an undecided model whose equilibrium is sought anew
 
 
@@ -46,6 +51,22 @@ def measured_margin(verdict: Verdict, data: Measurements, hold: str) -> tuple[fl
         return None
     measured = measured_residuals(verdict.certificate.model, verdict.margin, data, hold)
     return measured.share(verdict.margin.delta), inside(measured, verdict.margin)
+
+
+def of_plant(verdict: Verdict, data: Measurements | None, hold: str) -> PlantMargin | None:
+    """Return what measurements say of the plant of a model of few columns; None where they are too few, or not held.
+
+    The set of all coefficients that data allow is sharp where these are few.
+    """
+    margin = verdict.margin if isinstance(verdict, Certified) else None
+    if margin is None or not isinstance(data, Trajectories):
+        return None
+    if Dictionary(margin.certificate.model).size > FEW_COLUMNS:
+        return None
+    try:
+        return margin_of(verdict, data, Reading(hold))
+    except (DataError, UnderdeterminedError):
+        return None
 
 
 def without_margin(verdict: Verdict, asked: float | None) -> tuple[str, ...]:

@@ -18,13 +18,15 @@ def write_folder(output: Path, results: Results, beside: "Alternative | None" = 
 
     The certified model that was not delivered goes into a folder of its own.
     """
-    proofs = [layout.CERTIFICATE, layout.FASTEST, layout.PLANTS, layout.MARGIN]
+    proofs = [layout.CERTIFICATE, layout.FASTEST, layout.PLANTS, layout.MARGIN, layout.MODELS]
     proofs += [layout.WITNESS, layout.OBSTRUCTION, layout.INFEASIBLE]
     with delivery(output, [*proofs, f"{layout.FIGURES}/*.png", f"{layout.ALTERNATIVE}/*.json"]) as stage:
         results.model.save(stage / layout.MODEL)
         proof = write_verdict(stage, results.verdict, results.model)
         if results.record is not None:
             results.record.save(stage)
+        if results.plant is not None and results.plant.models is not None:
+            results.plant.models.certificate.save(stage / layout.MODELS)
         write_report(results, stage)
         if beside is not None:
             (stage / layout.ALTERNATIVE).mkdir()

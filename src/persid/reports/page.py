@@ -24,7 +24,7 @@ from persid.reports import proof_figures as portraits
 from persid.reports.comparison import both_fits
 from persid.reports.figures import Drawing, FreeRun
 from persid.reports.front import front, picture
-from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, PLANTS, REPORT, WITNESS
+from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, MODELS, PLANTS, REPORT, WITNESS
 from persid.reports.output_page import write_output_report
 from persid.reports.results import Results
 from persid.reports.templating import environment
@@ -124,6 +124,8 @@ def _page(results: Results, runs: Sequence[FreeRun], drawn: Mapping[str, list[Dr
         limits=limits(verdict, model),
         plants=plants(verdict.margin) if isinstance(verdict, Certified) and verdict.margin else (),
         plants_file=PLANTS,
+        allowed=results.plant if results.plant is not None and results.plant.models is not None else None,
+        models_file=MODELS,
         certificate=verdict.certificate if isinstance(verdict, Certified) else None,
         gains=_gains(verdict, model),
         evidence=getattr(verdict, "evidence", None),

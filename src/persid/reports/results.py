@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from persid._files import Json
@@ -16,6 +17,8 @@ from persid.models.descriptor import DescriptorModel
 from persid.models.files import load_model
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
+from persid.plants.margin import PlantMargin
+from persid.reports.comparison import of_plant
 from persid.reports.layout import MODEL
 from persid.reports.record import Record, Source
 from persid.reports.verdict_files import read_verdict
@@ -49,6 +52,11 @@ class Results:
     def hold(self) -> str:
         """How the fit took the inputs between samples."""
         return self.record.fit.hold if self.record and self.record.fit else "zoh"
+
+    @cached_property
+    def plant(self) -> PlantMargin | None:
+        """What the measurements say of the plant, where the model has few columns and a residual margin."""
+        return of_plant(self.verdict, self.data, self.hold)
 
 
 def held_out(data: Trajectories | None, scores: Scores | None) -> Trajectories | None:
