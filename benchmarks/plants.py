@@ -93,8 +93,8 @@ def allows(about: Evidence) -> bool:
     """Whether the coefficients of the plant lie in the ellipsoids about a fit."""
     model = about.phi.model
     away = np.hstack([A0 - model.A0, T - model.terms[0].A, B[:, None] - model.B])
-    heights = [np.linalg.lstsq(each.C.T, d)[0] for d, each in zip(away, ellipsoids(about, about.windows.X), strict=True)]
-    return bool(max(map(np.linalg.norm, heights)) <= 1)
+    pairs = zip(away, ellipsoids(about, about.windows.X), strict=True)
+    return all(np.linalg.norm(np.linalg.lstsq(each.C.T, d)[0]) <= 1 for d, each in pairs)
 
 
 def model_of(data: Trajectories, instruments: bool) -> ps.PersidskiiModel:
