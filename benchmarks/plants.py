@@ -4,7 +4,8 @@ python benchmarks/plants.py [--runs N] [-o benchmarks/results/plants.json]
 
 Two states with tanh, driven by a held white input, sampled at .05 s; a run is 2000 samples. A run is
 covered where the true x' lies within the band at all of 500 places in the range of the data, and its models are where
-the true coefficients lie in the ellipsoids about those of a fit that are certified as sets. A second table has fits: the error of x' (root mean square, relative) and the damping -trace dF/dx at 0, which is 3.
+the true coefficients lie in the ellipsoids about those of a fit that are certified as sets. A second table has fits:
+the error of x' (root mean square, relative) and the damping -trace dF/dx at 0, which is 3.
 """
 
 import argparse
