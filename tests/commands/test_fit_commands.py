@@ -96,6 +96,8 @@ def test_stray_blanks_are_reported(here: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize("engine", ["chunks", "dask"])
 def test_identify_from_a_pattern(here: Path, engine: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Files of a pattern are read chunk by chunk, and the model is that of the data in memory."""
+    pytest.importorskip("pyarrow")
+    pytest.importorskip("dask.dataframe" if engine == "dask" else "pyarrow")
     (here / "many").mkdir()
     for k in range(3):
         pd.read_csv("data.csv").to_parquet(here / f"many/{k}.parquet")

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from persid.errors import DataError
+from persid.measurements.opening import open_recordings
 from persid.measurements.readers import read_csv, read_parquet
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
@@ -134,10 +135,27 @@ def test_broken_files_are_refused_with_their_place(tmp_path, case):
 )
 def test_files_that_are_no_table_are_refused(tmp_path, content, word):
     """An empty file, half a file, one that holds no text and doubled names are errors."""
+    if word == "Parquet":
+        pytest.importorskip("pyarrow")
     path = tmp_path / "run.csv"
     path.write_bytes(content)
     with pytest.raises(DataError, match=word):
         read(path)
+
+
+def test_without_pyarrow_a_parquet_file_names_the_extra(tmp_path, monkeypatch):
+    """Who lacks the library is told how to get it, in memory and chunk by chunk."""
+
+    def absent(name):
+        raise ModuleNotFoundError(f"No module named {name!r}", name="pyarrow")
+
+    monkeypatch.setattr("persid._libraries.import_module", absent)
+    path = tmp_path / "run.parquet"
+    path.write_bytes(b"PAR1")
+    with pytest.raises(ImportError, match=r"persid\[dask\]"):
+        read_parquet(path, states=["x"])
+    with pytest.raises(ImportError, match=r"persid\[dask\]"):
+        open_recordings(path, states=["x"])
 
 
 def test_an_absent_file_is_named():

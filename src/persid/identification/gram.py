@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.linalg import qr
 
 from persid.errors import UnderdeterminedError
 from persid.identification.basis import Basis
@@ -201,7 +200,7 @@ class Triangle:
 
     def __add__(self, other: "Triangle") -> "Triangle":
         stacked = np.vstack([R for R in (self.R, other.R) if len(R)] or [self.R])
-        return Triangle(qr(stacked, mode="r", check_finite=False)[0][: stacked.shape[1]])
+        return Triangle(np.asarray(np.linalg.qr(stacked, mode="r")))
 
 
 def triangle(blocks: Iterable[Rows]) -> Triangle:

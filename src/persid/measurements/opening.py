@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from persid._libraries import library
 from persid.errors import DataError
 from persid.measurements.chunks import SUSPECT, Lazy, RowGroups, Survey, WholeFile, first_instant, survey
 from persid.measurements.engines import Engine, Progress, make_engine
@@ -255,10 +256,7 @@ def _joined_frame(x: Any, *more: Any, names: tuple[str, ...], timed: bool) -> pd
 
 def _row_groups(path: Path) -> Iterator[RowGroups]:
     """Yield the row groups of a Parquet file, small ones together."""
-    try:
-        import pyarrow.parquet as pq  # type: ignore[import-untyped]
-    except ImportError:
-        raise ImportError('Parquet files need pyarrow; pip install "persid[dask]"') from None
+    pq = library("pyarrow.parquet", "dask")
     try:
         with pq.ParquetFile(path) as file:
             counts = [file.metadata.row_group(k).num_rows for k in range(file.num_row_groups)]

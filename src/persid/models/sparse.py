@@ -60,7 +60,7 @@ def triplets(matrix: csc_array) -> Json:
 def archive(arrays: Mapping[str, ndarray]) -> bytes:
     """Return the bytes of a companion: an uncompressed zip of one-dimensional arrays."""
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: np.ascontiguousarray(values) for name, values in arrays.items()})
+    np.savez(buffer, **{name: np.ascontiguousarray(values) for name, values in arrays.items()})  # type: ignore[arg-type]
     return buffer.getvalue()
 
 

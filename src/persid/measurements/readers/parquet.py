@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from persid._libraries import library
 from persid.errors import DataError
 from persid.measurements.readers.sources import Source, stream
 from persid.measurements.tables import Columns, Table
@@ -13,8 +14,9 @@ def parquet_table(source: Source, columns: Columns) -> Table:
 
     Raises:
         DataError: it cannot be read.
-        ImportError: pyarrow is not installed.
+        ImportError: pyarrow is not installed; the message says which extra brings it.
     """
+    library("pyarrow", "dask")
     try:
         frame = pd.read_parquet(stream(source))
     except (OSError, ValueError) as error:
