@@ -207,11 +207,11 @@ def read_written(form: Any, *, discrete: bool = False, algebraic: bool = False) 
     return model_of(form, discrete=discrete, algebraic=algebraic)
 
 
-def read_model(form: object, *, discrete: bool = False, algebraic: bool = False, longest: int = MAX_ENTRIES) -> Model:
-    """Return such a model, of a size that one matrix can have."""
-    model = read_written(form, discrete=discrete, algebraic=algebraic)
-    if model.n + len(model.channels) > longest:
-        raise FormatError("model", f"more than {longest} states and channels")
+def read_model(form: object, *, discrete: bool = False) -> Model:
+    """Return such a model, of a size that a file of version 1 may have."""
+    model = read_written(form, discrete=discrete)
+    if model.n + len(model.channels) > MAX_ENTRIES:
+        raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
     return model
 
 

@@ -47,20 +47,19 @@ from persid_check.reading import (
     read_index,
     read_integer,
     read_list,
-    read_model,
     read_nonnegative,
     read_object,
     read_P,
     read_root,
     read_row,
     read_text,
+    read_written,
 )
 from persid_check.results import FormatError
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
 
-MAX_ENTRIES = 4000  # of states and channels
 COMPANION = "companion"  # the one field that a file may lack
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
@@ -89,7 +88,7 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
     read_text("statement", data["statement"], 5000)
     sha256 = read_text("model_sha256", data["model_sha256"], 64)
     form: Any = filled(data["model"], arrays or {})
-    model = read_model(form, discrete=True, algebraic=True, longest=MAX_ENTRIES)
+    model = read_written(form, discrete=True, algebraic=True)
     n, m, entries = model.n, model.m, model.n + len(model.channels)
     ball = None if data["operating_point"] is None else read_ball("operating_point", data["operating_point"], model)
     v = m + (ball is None and any(model.b))
