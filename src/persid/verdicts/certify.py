@@ -26,7 +26,7 @@ from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
 from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows, with_slopes
 from persid.verdicts.failures import Failure, stopped
-from persid.verdicts.log import Log, Progress
+from persid.verdicts.log import ALL_STATES, Log, Progress
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
 from persid.verdicts.practical import practically
 from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
@@ -34,7 +34,6 @@ from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refu
 
 CLAIMS = ("strongest", "incremental", "practical")  # that may be asked for
 ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
-ALL_STATES = 0.25  # of the time for a region goes to the question whether it is all of R^n
 FULL_P_STATES = 50  # a full P is tried up to this many states
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states

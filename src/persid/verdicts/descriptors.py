@@ -17,10 +17,9 @@ from persid.lyapunov.shifted_model import is_reference, place, undefined
 from persid.lyapunov.solvability import solving
 from persid.models.descriptor import DescriptorModel
 from persid.verdicts import failures as words
-from persid.verdicts.certify import ALL_STATES
 from persid.verdicts.facts import About, by_facts, by_strips
 from persid.verdicts.failures import Failure
-from persid.verdicts.log import Log
+from persid.verdicts.log import ALL_STATES, Log
 from persid.verdicts.verdict import Certified, Reason, Undecided
 from persid_check.model import model_of
 

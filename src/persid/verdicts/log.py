@@ -11,6 +11,7 @@ from persid.lyapunov.multipliers import Lyapunov
 from persid.verdicts.verdict import Attempt
 
 Progress = Callable[[str], None]
+ALL_STATES = 0.25  # of the time for a region goes to the question whether it is all of R^n
 
 
 @dataclass
