@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache, wraps
-from typing import ParamSpec
+from typing import ParamSpec, TypeVar
 
 from persid_check.results import NotProvedError
 
@@ -17,6 +17,7 @@ GROUP_STEPS = 10**5
 BYTE_STEPS = 20  # of the share of its groups, for each byte of the file
 
 _Key = ParamSpec("_Key")
+_Answer = TypeVar("_Answer")
 
 
 def allowance(groups: int, size: int) -> int:
@@ -64,11 +65,11 @@ def forget() -> None:
         clear()
 
 
-def remembered(proof: Callable[_Key, bool]) -> Callable[_Key, bool]:
+def remembered(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:
     """Remember the answers of a proof, with the steps that each took; a file is charged once for each."""
 
     @lru_cache(maxsize=65536)
-    def found(*key: object) -> tuple[bool, int]:
+    def found(*key: object) -> tuple[_Answer, int]:
         outer = _account.get()
         with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
             answer = proof(*key)  # type: ignore[arg-type, call-arg]
@@ -77,7 +78,7 @@ def remembered(proof: Callable[_Key, bool]) -> Callable[_Key, bool]:
     _memories.append(found.cache_clear)
 
     @wraps(proof)
-    def run(*key: _Key.args, **_: _Key.kwargs) -> bool:
+    def run(*key: _Key.args, **_: _Key.kwargs) -> _Answer:
         answer, steps = found(*key)
         account = _account.get()
         if account is not None and (proof.__name__, *key) not in account.counted:

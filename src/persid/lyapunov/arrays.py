@@ -22,6 +22,7 @@ from persid.errors import ModelError
 Array = Any  # of one namespace of the array API standard, in binary64: the standard has no class for it
 SparseMatrix = Any  # of SciPy
 
+SMALL = 2**14  # entries up to which a sparse matrix is used as a dense one: a product then costs less than its call
 HOST_BLOCK, DEVICE_BLOCK = 32, 1024  # rows of the Schur complement made at once: in the cache, or to keep a GPU busy
 
 
@@ -83,8 +84,8 @@ class Host:
     def get(self, a: np.ndarray) -> np.ndarray:
         return a
 
-    def sparse(self, M: SparseMatrix) -> SparseMatrix:
-        return M
+    def sparse(self, M: SparseMatrix) -> SparseMatrix | np.ndarray:
+        return M if M.shape[0] * M.shape[1] > SMALL else M.toarray()
 
     def half(self, M: np.ndarray) -> np.ndarray:
         factor, failed = sla.lapack.dpotrf(M, lower=1, clean=1)
@@ -100,11 +101,13 @@ class Host:
         return float(np.linalg.eigvalsh(M)[0])
 
     def solver(self, M: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        factor = sla.cho_factor(M.T, lower=False, overwrite_a=True, check_finite=False)  # M' is in LAPACK's order
-        return lambda v: np.asarray(sla.cho_solve(factor, v, check_finite=False))
+        factor, failed = sla.lapack.dpotrf(M.T, lower=0, clean=0, overwrite_a=1)  # M' is in LAPACK's order
+        if failed:
+            raise sla.LinAlgError("not positive definite")
+        return lambda v: np.asarray(sla.lapack.dpotrs(factor, v, lower=0)[0])
 
     def add_to_diagonal(self, M: np.ndarray, v: np.ndarray | float) -> np.ndarray:
-        M[range(len(M)), range(len(M))] += v
+        np.einsum("ii->i", M)[:] += v  # a view of the diagonal
         return M
 
 

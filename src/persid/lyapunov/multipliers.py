@@ -16,7 +16,7 @@ from persid.lyapunov.system import Family, System
 from persid.lyapunov.unknowns import Unknowns
 
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)  # unknowns below such a share of the largest are tried as zeros
-LOSS = 1.05  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
+LOSS = 1.005  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from persid.lyapunov.shifted_model import Setting
 from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
-from persid.verdicts.searches import settled
+from persid.verdicts.searches import settled, shortened
 from persid.verdicts.verdict import Reason
 
 SHARES = (0.9, 0.6)  # of the largest delta at which a certificate is made: with room for rounding
@@ -89,6 +89,6 @@ def slowly(setting: Setting, fastest: float, deviations: tuple[Deviation, ...], 
         found = question.ask(share * fastest, None, None, log.left)
         if found is not None:
             gentle = smallest_gain(question, share * fastest, found, log.left, GAINS) if share else None
-            best = gentle or found
+            best = shortened(gentle or found, log)
             return choose(best.assembly, best.solution.y, setting.lower)
     return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)

@@ -15,6 +15,7 @@ from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, best_rate, kappa, smallest_gain
 from persid.lyapunov.search import FIRST_FORMS, MORE_FORMS, Outcome, search
+from persid.lyapunov.second_pass import loosened, with_fewer_forms
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import System
 from persid.models.outputs import OutputModel
@@ -24,6 +25,7 @@ from persid.verdicts.log import Log
 from persid.verdicts.verdict import Reason
 from persid_check.search.prover import prove_radially_unbounded
 
+SHORTENED_STATES = 20  # up to so many states forms that are not needed leave before a proof
 ABOVE = 1 + 1e-6  # times a rate that is asked for: the file carries it rounded
 
 Find = Callable[[Setting], Lyapunov | Failure]
@@ -98,7 +100,18 @@ def _with_margin(setting: Setting, system: System, full_P: bool, log: Log) -> Ou
             break
     if found.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return found
+    return shortened(found, log) if found.status is Status.FEASIBLE else found
+
+
+def shortened(found: Outcome, log: Log, slowest: float = 0.0) -> Outcome:
+    """Return an outcome without the forms that it can spare, its rate at least `slowest`; of large models itself.
+
+    Where V reads a state through functions alone, their growth is needed, which no inequality asks for: all stay.
+    """
+    unknowns = found.assembly.unknowns
+    if unknowns.system.n > SHORTENED_STATES or len(unknowns.system.states) < unknowns.system.n:
+        return found
+    return with_fewer_forms(found, loosened(unknowns.target, slowest), log.left)
 
 
 def _coordinates(setting: Setting) -> Coordinates | None:
@@ -149,8 +162,10 @@ def _rated(question: Question, setting: Setting, rate: float | int | None, log: 
         best = question.ask(asked, None, best, log.left) or best
     if best is None:
         return None
+    best = shortened(best, log, asked)
     aim = min(max(setting.gentle(kappa(best)), asked), kappa(best))
-    return best, smallest_gain(question, aim, best, log.left) or best
+    gentle = smallest_gain(question, aim, best, log.left)
+    return best, best if gentle is None else shortened(gentle, log)
 
 
 def fastest(_: Setting, log: Log) -> Lyapunov | Failure:

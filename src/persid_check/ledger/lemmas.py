@@ -12,12 +12,21 @@ from functools import cached_property
 from itertools import pairwise
 from typing import TypeVar
 
-from flint import fmpq
+from flint import ctx, fmpq
 
-from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
+from persid_check.enclosure import (
+    PRECISION,
+    Element,
+    Interval,
+    UndefinedError,
+    between,
+    constant,
+    value,
+    value_and_slope,
+)
 from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
 from persid_check.expression import Program
-from persid_check.work import spend
+from persid_check.work import remembered, spend
 
 Functions = tuple[tuple[Program, Fraction], ...]
 Form = tuple[Fraction, ...]
@@ -51,6 +60,9 @@ class Lemma:
 
     def unproved(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
         """Return where the lemma is not proved, None where it is: on all pieces, and beyond them without a domain."""
+        return _unproved(self, cuts, domain)
+
+    def _unproved_on(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
         low, high = self._star
         if domain is not None and self.kind in STRICT:
             return "growth is a property on all of R"
@@ -198,6 +210,13 @@ class Lemma:
             return grown and self._accepts(q.relative().lo)
         except UndefinedError:
             return False
+
+
+@remembered
+def _unproved(lemma: Lemma, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
+    """The files of a model share lemmas: each is proved once, and counts for every file as if it were proved anew."""
+    with ctx.workprec(PRECISION):
+        return lemma._unproved_on(cuts, domain)
 
 
 def _escapes(G: Expansion) -> bool:
