@@ -65,10 +65,10 @@ def forget() -> None:
         clear()
 
 
-def remembered(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:
-    """Remember the answers of a proof, with the steps that each took; a file is charged once for each."""
+def remembered(proof: Callable[_Key, _Answer], most: int = 65536) -> Callable[_Key, _Answer]:
+    """Remember the last answers of a proof, with the steps that each took; a file is charged once for each."""
 
-    @lru_cache(maxsize=65536)
+    @lru_cache(maxsize=most)
     def found(*key: object) -> tuple[_Answer, int]:
         outer = _account.get()
         with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:

@@ -4,10 +4,11 @@ from fractions import Fraction
 
 import pytest
 
-from checker import named
+from checker import known_ledgers, ledgers, named
 from checker.maker import data
 from persid_check import Accepted, Rejected, check, work
 from persid_check.expression import parse
+from persid_check.ledger import check as ledger_check
 from persid_check.search import prover
 
 
@@ -39,6 +40,30 @@ def test_the_answer_does_not_depend_on_what_was_checked_before(name: str) -> Non
     warm = spent(name)
     work.forget()
     assert spent(name) == warm
+
+
+@pytest.mark.parametrize("name", ["spring", "difference"])
+def test_a_ledger_costs_the_same_steps_again(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The step at which a ledger is refused for its length is the same before and after its lemmas are known."""
+    file = ledgers.data(known_ledgers.load(name))
+    monkeypatch.setattr(ledger_check, "STEPS_OF_A_BYTE", 0)
+
+    def least() -> int:
+        low, high = 0, ledger_check.STEPS
+        while high - low > 1:
+            monkeypatch.setattr(ledger_check, "STEPS", (low + high) // 2)
+            low, high = (low, ledger_check.STEPS) if isinstance(check(file), Accepted) else (ledger_check.STEPS, high)
+        return high
+
+    work.forget()
+    monkeypatch.setattr(ledger_check, "STEPS", 10**5)
+    cold = [isinstance(check(file), Accepted)]
+    warm = least()
+    for steps in (warm - 1, warm):
+        work.forget()
+        monkeypatch.setattr(ledger_check, "STEPS", steps)
+        cold.append(isinstance(check(file), Accepted))
+    assert cold == [True, False, True]
 
 
 def test_a_proof_is_counted_once() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TypeVar
 
@@ -36,6 +36,7 @@ E = TypeVar("E", bound=Element)
 SLOPES = ("nondecreasing", "rising")  # kinds whose quantity is g' itself: the centre plays no part
 STRICT = ("growing", "rising")  # kinds with q > 0, and |g| -> infinity at both ends
 SUMMED = ("offset", "upper")  # kinds whose quantity is added up: it may fall below 0 where it rose before
+LEMMAS = 2048  # that are remembered, each with its cuts
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
@@ -212,7 +213,7 @@ class Lemma:
             return False
 
 
-@remembered
+@partial(remembered, most=LEMMAS)
 def _unproved(lemma: Lemma, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
     """The files of a model share lemmas: each is proved once, and counts for every file as if it were proved anew."""
     with ctx.workprec(PRECISION):
