@@ -26,9 +26,9 @@ from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
 from persid.lyapunov.sectors import Curve, Group
 from persid.lyapunov.system import Family, System, Target
 
-FIRST_FORMS = 4  # forms of a pool that the search begins with
+FIRST_FORMS = 3  # forms of a pool that the search begins with
 MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
-JOINING = 4  # products, and half as many densities, that may join a group in one round
+JOINING = 2  # products, and half as many densities, that may join a group in one round
 FALL = 0.1  # share to which mu falls in a free round
 FREE_STEPS = 60  # of all free rounds
 ROUNDS = 400
