@@ -39,7 +39,7 @@ def forms(outcome: Outcome) -> int:
 
 
 def test_fewer_forms_prove_almost_the_same() -> None:
-    """Near the smallest gain a quarter of the forms is not needed for a gain that is less than half a percent larger."""
+    """Near the smallest gain a quarter of the forms can go for less than half a percent of the gain."""
     _, outcome = found(SATURATING, 0.9, 0.6)
     target = loosened(outcome.assembly.unknowns.target)
     fewer = with_fewer_forms(outcome, target, plenty)

@@ -26,9 +26,11 @@ from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
 from persid.lyapunov.sectors import Curve, Group
 from persid.lyapunov.system import Family, System, Target
 
-FIRST_FORMS = 3  # forms of a pool that the search begins with
+FIRST_FORMS = 4  # forms of a pool that the search begins with
 MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
-JOINING = 2  # products, and half as many densities, that may join a group in one round
+JOINING = 4  # products, and half as many densities, that may join a group in one round
+MANY = 20  # groups: of more, without a rate, each begins with FEW_FORMS and FEW join it: time grows with their cube
+FEW_FORMS, FEW = 3, 2
 FALL = 0.1  # share to which mu falls in a free round
 FREE_STEPS = 60  # of all free rounds
 ROUNDS = 400
@@ -59,20 +61,22 @@ def search(
     full_P: bool = False,
     target: Target | None = None,
     families: tuple[Family, ...] | None = None,
-    first: int = FIRST_FORMS,
+    first: int | None = None,
     time_limit: float = np.inf,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
     """Find multipliers with positive margin, or a dual matrix against every form and product of the pools.
 
     `families` is the choice to begin with, such as that of an earlier outcome for the same pools; without it the search
-    begins with the `first` forms of every pool.
+    begins with the `first` forms of every pool: by default four, or three of many groups where no rate is asked for.
     """
     started, target = time.perf_counter(), target or Target()
     if target.kappa and len(system.states) < system.n:
         raise ValueError("a rate keeps every state; this system has dropped one, and its forms with it")
+    few = len(system.groups) > MANY and first is None and families is None and not target.kappa
+    begin, joining = (FEW_FORMS, FEW) if few else (FIRST_FORMS, JOINING)
     if families is None:
-        families = tuple(_first(system, group, pools[group.curve], target, first) for group in system.groups)
+        families = tuple(_first(system, group, pools[group.curve], target, first or begin) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
     assembly, start, fence, steps = whole.assembly(families), None, None, 0
     for count in range(1, ROUNDS + 1):
@@ -87,7 +91,7 @@ def search(
             break
         X, m = (solution.X, solution.last.m) if fence is None else solution.aim
         prices = whole.prices(X)
-        grown = tuple(map(join, assembly.unknowns.families, prices, repeat(m)))
+        grown = tuple(map(join, assembly.unknowns.families, prices, repeat(m), repeat(joining)))
         settled = all(_contains(old, new) for old, new in zip(assembly.unknowns.families, grown, strict=True))
         if settled and solution.status is Status.INFEASIBLE:
             break
@@ -149,8 +153,10 @@ def _contains(old: Family, new: Family) -> bool:
     return set(new.products) <= set(old.products) and set(new.densities) <= set(old.densities)
 
 
-def join(family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K"]], bound: float) -> Family:
-    """Return a family with the products and densities of its pool that the dual matrix prices lowest.
+def join(
+    family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K"]], bound: float, most: int = JOINING
+) -> Family:
+    """Return a family with the products, at most `most`, and half as many densities that the dual matrix prices lowest.
 
     A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation, which no choice of units can change.
     """
@@ -160,7 +166,7 @@ def join(family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K
     price[np.tril_indices(len(price))] = np.inf
     price[tuple(np.array(family.products, int).reshape(-1, 2).T)] = np.inf
     worth[list(family.densities)] = np.inf
-    k, j = np.unravel_index(np.argsort(price, axis=None)[:JOINING], price.shape)
+    k, j = np.unravel_index(np.argsort(price, axis=None)[:most], price.shape)
     products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
-    densities = [int(k) for k in np.argsort(worth)[: JOINING // 2] if worth[k] < 0]
+    densities = [int(k) for k in np.argsort(worth)[: most // 2] if worth[k] < 0]
     return Family(family.forms, (*family.densities, *densities), (*family.products, *products))

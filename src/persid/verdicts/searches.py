@@ -14,7 +14,7 @@ from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, best_rate, kappa, smallest_gain
-from persid.lyapunov.search import FIRST_FORMS, MORE_FORMS, Outcome, search
+from persid.lyapunov.search import MORE_FORMS, Outcome, search
 from persid.lyapunov.second_pass import loosened, with_fewer_forms
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import System
@@ -94,7 +94,7 @@ def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
 
 def _with_margin(setting: Setting, system: System, full_P: bool, log: Log) -> Outcome:
     """Search for a margin; where the path from the usual start stalls, once more from another."""
-    for first in (FIRST_FORMS, MORE_FORMS):
+    for first in (None, MORE_FORMS):
         found = search(system, setting.pools, full_P=full_P, first=first, time_limit=log.left(), progress=log.progress)
         if found.status is not Status.STALLED:
             break
