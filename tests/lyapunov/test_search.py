@@ -8,8 +8,11 @@ from numpy import ndarray
 
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.search import (
+    FEW,
+    FEW_FORMS,
     INSIDE,
     JOINING,
+    MANY,
     Outcome,
     PoolFence,
     catalogue,
@@ -117,6 +120,16 @@ def test_joining_takes_only_negative_prices() -> None:
     grown = join(bare, prices, found.solution.upper)
     assert all(price[pair] < 0 for pair in grown.products)
     assert len(grown.products) == min(JOINING, int((np.triu(price, 1) < 0).sum()))
+
+
+def test_of_many_groups_few_forms_join() -> None:
+    """A search for many groups begins with three forms each, and two products of a group join at a time."""
+    n = MANY + 1
+    terms = [("x**3", None, -np.eye(n)), ("tanh(x)", None, 0.3 * np.eye(n, k=1) - np.eye(n))]
+    found = _searched(PersidskiiModel(-0.5 * np.eye(n), terms, np.eye(n, 1)))
+    assert found.status is Status.FEASIBLE
+    begun = FEW_FORMS * (FEW_FORMS - 1) // 2
+    assert max(len(family.products) for family in found.assembly.unknowns.families) <= begun + FEW * (found.rounds - 1)
 
 
 def test_same_search_twice() -> None:
