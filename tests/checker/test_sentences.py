@@ -182,6 +182,21 @@ def test_the_sentences_of_networks() -> None:
     assert "held at v = 1." in counted
 
 
+def network_members(kappa: float = 1.25) -> dict[str, Any]:
+    """The same with any d in x1' with |d'zeta| <= |x2 + u1| / 4: the second node loses a quarter of its rate."""
+    row = [[1, [1, -2]], [3, [1, -2]]]
+    return network(every=True, kappa=kappa) | {"deviations": [{"state": 0, "C": [row]}]}
+
+
+def test_the_sentence_of_members_of_a_network() -> None:
+    """A rate of 5/4 is the most, and the input counts 5/4."""
+    members = answer(network_members()).statement
+    assert members.startswith("Every member of the stated set of models about the model with 2 states")
+    assert "V(x(t) - x*) <= exp(-1.25 t) V(x(0) - x*) + 1 sup|u1 - u1*| for all t >= 0" in members
+    assert "the equilibria are the member's own" in members
+    assert isinstance(answer(network_members(1.25 + 2**-40)), Rejected)
+
+
 def no_weights(f: str = "tanh(x)") -> dict[str, Any]:
     """x' = 2 x - f(x) with the ray y: no weight lets |x| decrease."""
     subject = network_model([[2.0]], [(f, None, [[-1.0]])], [[1.0]])
@@ -232,6 +247,7 @@ def corpus() -> str:
         region(b=0.0625, radius=Fraction(1, 8), level=Fraction(5, 16), ubar=HALF),
         network(every=True),
         network(every=False, b=[0.0, 3.0]),
+        network_members(),
         no_weights(),
         wide(),
         make(Wanted(model([], [[-1.0]], b=[2.0]), [], "E", kappa=HALF)),
@@ -244,7 +260,7 @@ def corpus() -> str:
         ),
         named.load("infeasible_full") | {"family": "diagonal", "proof": {}},
     ]
-    return "\n".join("The model with " + said(content) for content in found)
+    return "\n".join([*("The model with " + said(content) for content in found), answer(network_members()).statement])
 
 
 @pytest.mark.parametrize(

@@ -108,4 +108,6 @@ def _norm(values: Sequence[Fraction]) -> Fraction:
         return square
     n, d = square.numerator, square.denominator
     k = max(0, DIGITS + (d.bit_length() - n.bit_length()) // 2 + 1)
-    return Fraction(isqrt((n << 2 * k) // d) + 1, 1 << k)
+    scaled, rest = divmod(n << 2 * k, d)
+    root = isqrt(scaled)
+    return Fraction(root + bool(rest or root * root < scaled), 1 << k)
