@@ -26,6 +26,7 @@ TITLES = {
     "recurrent_network": "A recurrent network: how strong may its feedback be?",
     "discrete": "A loop that overshoots: discrete time",
     "descriptor": "A diode circuit: algebraic variables",
+    "buses": "Three buses: a region of a model with algebraic variables",
     "duffing": "A Duffing oscillator with damping",
     "power_swing": "Three areas of a power grid",
     "network": "A network of 10,000 states",
