@@ -20,11 +20,11 @@ from persid.models.stable_fit import StableFit
 
 Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
-FINAL_STEPS, FINAL_WORK = 100, 30_000_000  # steps on all data, and samples times steps times parameters
+FINAL_STEPS, FINAL_WORK = 100, 60_000_000  # steps on all data, and samples times steps times parameters
 BARRIERS = (1e-1, 1e-2, 1e-3)  # weights of the barrier that keeps gains, in units of the cost at its start
 SQUARES = (1e3, 1e6, 1e9)  # weights of what misses a known entry, in the same unit
 ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
-GROWTH = 10  # all data are reached in stages, each of so many times the samples of the one before
+GROWTH = 20  # all data are reached in stages, each of so many times the samples of the one before
 REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
 UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
 
@@ -182,6 +182,7 @@ class _Search:
         self.pieces, self.part, self.question, self.tell = pieces, part, question, tell
         self.groups: list[Group] = []
         self.loud = False
+        self.record: list[float] = []  # least held-out errors of the rungs of the first race
         self.remarks: list[str] = []
 
     @property
@@ -257,7 +258,8 @@ class _Search:
         ]
         self.groups += groups
         rungs = selection.LONG_RUNGS if self.loud else selection.RUNGS
-        selection.raced(groups, lambda error: self.tell("search", error), rungs)
+        least = selection.raced(groups, lambda error: self.tell("search", error), rungs, self.record)
+        self.record = self.record or least
 
     def _climbs(self, linear: Sequence[LinearFit]) -> bool:
         """Try one state more than was tried, with the size of the best candidate; whether that was better.
@@ -318,19 +320,31 @@ def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell) -> tuple[W
     task = Task(pieces, winner.parameters, ridge, winner.substeps)
     fit, interrupted = None, False
     try:
-        fit = least_squares.begun(task, replace(winner.batch, w=winner.batch.w.copy(), x0=winner.batch.x0.copy()))
+        own = replace(winner.batch, w=winner.batch.w.copy(), x0=winner.batch.x0.copy())
+        fit = least_squares.begun(task, own, least_squares.NEAR)
         if fit.ended[0]:
             return winner, False
-        least_squares.fitted(task, fit, steps, lambda fit: tell("all data", float(fit.error[0])))
-        while task.substeps < selection.FINEST:
-            finer = replace(task, substeps=2 * task.substeps)
-            check = least_squares.begun(finer, fit.batch)
-            if check.error[0] <= REFINED * fit.error[0]:
+        task, fit = _refined(task, fit)
+        while True:
+            least_squares.fitted(task, fit, steps, lambda fit: tell("all data", float(fit.error[0])))
+            finer, check = _refined(task, fit)
+            if finer is task:
                 break
-            task, fit = finer, least_squares.fitted(finer, check, steps // 2)
+            task, fit, steps = finer, check, steps // 2
     except KeyboardInterrupt:
         interrupted = True
     return winner if fit is None else replace(winner, batch=fit.batch, substeps=task.substeps), interrupted
+
+
+def _refined(task: Task, fit: Fit) -> tuple[Task, Fit]:
+    """Return the task with substeps that are short enough for a fit, and the fit with them."""
+    while task.substeps < selection.FINEST:
+        finer = replace(task, substeps=2 * task.substeps)
+        check = least_squares.begun(finer, fit.batch, least_squares.NEAR)
+        if check.error[0] <= REFINED * fit.error[0]:
+            break
+        task, fit = finer, check
+    return task, fit
 
 
 def _delivered(

@@ -97,21 +97,21 @@ class Latent:
 
     def activated(self, s: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
         """Return what the neurons make of s."""
-        f = activated(self.activation, s)
-        return _turned(f, s, self.hardening)
+        return _turned(activated(self.activation, s), s, self.hardening)
 
     def slopes(self, s: Float[ndarray, "*_ q S"], f: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
         """Return the neurons' slopes at s, given their values f."""
         k = self.hardening
-        slopes = slope_of(self.activation, s, _turned(f, s, k))
-        return _turned(slopes, np.ones((1, 1)), k)
+        slopes = slope_of(self.activation, s, _turned(f.copy(), s, k) if k else f)
+        return _turned(slopes, np.ones(s.shape[-2:]), k)
 
 
 def _turned(f: ndarray, s: ndarray, count: int) -> ndarray:
-    """Return f, its first rows being s - f."""
-    if not count:
-        return f
-    return np.concatenate([(s - f)[..., :count, :], f[..., count:, :]], -2)
+    """Return f, whose first rows become s - f in place."""
+    if count:
+        first = f[..., :count, :]
+        np.subtract(s[..., :count, :], first, out=first)
+    return f
 
 
 def activated(name: str, s: ndarray) -> ndarray:

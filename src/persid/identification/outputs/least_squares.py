@@ -17,7 +17,10 @@ from persid.identification.outputs.sensitivities import normal
 TOLERANCE = 1e-4  # relative gain of the cost in one step, over PATIENCE steps in a row
 PATIENCE = 3
 DIFFERENCE = 1e-6  # of a parameter, for the slopes of gains
-RETRIES = 12  # damped trials without a gain after which a model is left
+RETRIES = 7  # damped trials without a gain after which a model is left
+FAR, NEAR = 1e-2, 1e-4  # damping at a random start, and where a fit goes on from one
+LEAST = 0.2  # to which the damping falls in one step, at most
+HOPELESS = 2.0  # times its cost before, beyond which a trial is given up before its pieces join
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,11 +186,16 @@ def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
 
 
 def evaluated(
-    task: Task, batch: Batch, ridge: ndarray, start: ndarray, flow: ndarray, sweeps: int = SWEEPS
-) -> tuple[ndarray, ndarray, ndarray, Float[ndarray, "K n S"]]:
-    """Return cost, error, held-out error and starts of pieces by simulation; infinite where one is not valid."""
+    task: Task, batch: Batch, ridge: ndarray, start: ndarray, flow: ndarray, sweeps: int = SWEEPS,
+    limit: ndarray | float = np.inf,
+) -> tuple[ndarray, ndarray, ndarray, Float[ndarray, "K n S"]]:  # fmt: skip
+    """Return cost, error, held-out error and starts of pieces by simulation; infinite where one is not valid.
+
+    A model whose costs go beyond `limit` before its pieces join is given up: its cost is infinite.
+    """
     latent, _, valid = task.parameters.latent(batch)
-    run = simulated(latent, task.pieces, start, flow, task.substeps, sweeps)
+    most = np.broadcast_to(2 * task.pieces.values * np.asarray(limit), len(valid))
+    run = simulated(latent, task.pieces, start, flow, task.substeps, sweeps, most)
     good = valid & run.joined
     square = np.where(good, run.square, np.inf) / task.pieces.values
     held = np.where(good, run.held, np.inf) / max(float(task.pieces.held.sum()) * task.pieces.y.shape[1], 1.0)
@@ -197,11 +205,14 @@ def evaluated(
     return cost, np.sqrt(square), np.sqrt(held), run.start
 
 
-def begun(task: Task, batch: Batch, damping: float = 1e-2) -> Fit:
-    """Return the fit before its first step: pieces start at zero, and meet after as many sweeps as that takes."""
+def begun(task: Task, batch: Batch, damping: float = FAR, near: tuple[ndarray, ndarray] | None = None) -> Fit:
+    """Return the fit before its first step: pieces start at zero, and meet after as many sweeps as that takes.
+
+    `near` are starts (1, n, S) and flows (1, S, n, n) of a model from which all of these differ little.
+    """
     K, n, S = len(batch.w), batch.x0.shape[2], len(task.pieces.record)
-    flow = np.zeros((K, S, n, n))
-    start = np.zeros((K, n, S))
+    first, flows = near or (np.zeros((1, n, S)), np.zeros((1, S, n, n)))
+    start, flow = np.repeat(first, K, 0), np.repeat(flows, K, 0)
     for _ in range(4):
         latent, _, _ = task.parameters.latent(batch)
         run = simulated(latent, task.pieces, start, flow, task.substeps, 4)
@@ -288,20 +299,24 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, _Linear]) -> 
     known = [fresh[int(k)] for k in active]
     sums = _Arrow(*(np.array(part) for part in zip(*(one.sums for one in known), strict=True)))
     D, reach, own = (np.array([getattr(one, name) for one in known]) for name in ("D", "reach", "own"))
-    dw, dx0 = _steps(sums, fit.damping[active], task.parameters.free)
+    dw, dx0, foretold = _steps(sums, fit.damping[active], task.parameters.free)
     batch = replace(fit.batch[active], w=fit.batch.w[active] + dw, x0=fit.batch.x0[active] + dx0)
     dtheta = (dw[:, None] @ D)[:, 0]
     shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
     start = fit.start[active] + np.swapaxes(shift, 1, 2)
-    cost, error, held, start = evaluated(task, batch, task.ridge[active], start, fit.flow[active])
-    better: ndarray = cost < fit.cost[active]
+    before = fit.cost[active]
+    cost, error, held, start = evaluated(
+        task, batch, task.ridge[active], start, fit.flow[active], limit=HOPELESS * before
+    )
+    better: ndarray = cost < before
     taken, refused = active[better], active[~better]
     gain = 1 - cost[better] / fit.cost[taken]
     fit.batch.w[taken], fit.batch.x0[taken] = batch.w[better], batch.x0[better]
     fit.start[taken] = start[better]
     fit.cost[taken], fit.error[taken], fit.held_out[taken] = cost[better], error[better], held[better]
-    fit.damping[taken] = np.maximum(fit.damping[taken] / 5, 1e-9)
-    fit.damping[refused] *= 4
+    share = (before - cost)[better] / foretold[better]
+    fit.damping[taken] = np.maximum(fit.damping[taken] * np.clip(1 - (2 * share - 1) ** 3, LEAST, 2), 1e-9)
+    fit.damping[refused] *= 2.0 ** (1 + fit.failed[refused])
     fit.small[taken] = np.where(gain < task.tolerance, fit.small[taken] + 1, 0)
     fit.failed[taken] = 0
     fit.failed[refused] += 1
@@ -311,8 +326,12 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, _Linear]) -> 
 
 def _steps(
     sums: _Arrow, damping: Float[ndarray, " K"], free: Bool[ndarray, " p"]
-) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K records n"]]:
-    """Return the damped Gauss-Newton steps; every record's x0 is eliminated first (the matrix is an arrow)."""
+) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K records n"], Float[ndarray, " K"]]:
+    """Return the damped Gauss-Newton steps, and by how much they lower the cost of the linearised models.
+
+    Every record's x0 is eliminated first (the matrix is an arrow). A step s solves (H + damping) s = -g, so that the
+    cost g's + s'Hs/2 is (g's - damping s's)/2.
+    """
     H, side, corner, g, g0 = sums
     K, R, n = g0.shape
     H, side, g = H[:, free][:, :, free], side[:, :, free], g[:, free]
@@ -332,7 +351,8 @@ def _steps(
     first = -(inverse @ (g0[..., None] + np.swapaxes(side, 2, 3) @ step[:, None, :, None]))[..., 0]
     full = np.zeros((K, len(free)))
     full[:, free] = step * scale
-    return full, first * scale0
+    gain = (damping[:, None] * step**2 - g * step).sum(1) + (damping[:, None, None] * first**2 - g0 * first).sum((1, 2))
+    return full, first * scale0, gain / 2
 
 
 def _scale(diagonal: Float[ndarray, "K p"]) -> Float[ndarray, "K p"]:

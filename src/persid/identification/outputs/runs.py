@@ -73,21 +73,26 @@ def swept(latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], subste
 
 
 def simulated(
-    latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], flow: ndarray, substeps: int, sweeps: int = SWEEPS
-) -> Run:
-    """Simulate from x0; pieces begin at a guess that is corrected with the pieces' flows until they join."""
+    latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], flow: ndarray, substeps: int, sweeps: int = SWEEPS,
+    most: ndarray | float = np.inf,
+) -> Run:  # fmt: skip
+    """Simulate from x0; pieces begin at a guess that is corrected with the pieces' flows until they join.
+
+    A model whose sum of squares goes beyond `most` is left as it is.
+    """
     K, n, S = start.shape
     follows = pieces.follows
     start = start.copy()
     start[:, :, ~follows] = np.swapaxes(latent.x0, 1, 2)
     open_, size, square, held = np.arange(K), *(np.full(K, np.inf) for _ in range(3))
+    most = np.broadcast_to(most, K)
     with np.errstate(all="ignore"):
         for _ in range(sweeps):
             end, square[open_], held[open_] = _ends(latent[open_], pieces, start[open_], substeps)
             gap = np.zeros((len(open_), n, S))
             gap[:, :, 1:] = (end[:, :, :-1] - start[open_, :, 1:]) * follows[1:]
             size[open_] = np.nan_to_num(np.abs(gap).max((1, 2)), nan=np.inf)
-            left = (size[open_] > JOINED) & np.isfinite(size[open_])
+            left = (size[open_] > JOINED) & np.isfinite(size[open_]) & (square[open_] <= most[open_])
             open_, gap = open_[left], gap[left]
             if not len(open_):
                 break

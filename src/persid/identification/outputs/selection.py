@@ -23,10 +23,11 @@ ORDERS = 6  # tried at most
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
 SHARE = 3  # one in so many goes on, at most
-LONG_RUNGS = ((12, 20), (20, 10), (50, 4), (100, 1))  # where there are more candidates, on longer records
+LONG_RUNGS = ((12, 20), (20, 10), (50, 3), (60, 1))  # where there are more candidates, on longer records
 GROWN_RUNGS = ((12, 3), (50, 1))
-GROWN = 4  # random neurons of a kind that are tried beside those of the best candidate
-HOPELESS = 3.0  # times the least held-out error, beyond which none goes on
+GROWN = 6  # random neurons of a kind that are tried beside those of the best candidate
+HOPELESS = 3.0  # times the least held-out error, of these or of an earlier race after as many steps: none goes on
+SETTLED = 1e-3  # relative gain of the cost in one step, below which a candidate changes no choice
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
 MOST = 8  # neurons tried
@@ -157,7 +158,7 @@ def linear_fit(records: Sequence[Record], pieces: Pieces, n: int, question: Ques
         )
     latent = starts.stacked([starts.latent_of(linear, question.output_map) for linear in found])
     parameters, batch = starts.free_batch(latent, through)
-    task = Task(pieces, parameters, np.zeros(batch.w.shape), substeps_for(latent))
+    task = Task(pieces, parameters, np.zeros(batch.w.shape), substeps_for(latent), SETTLED)
     fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
     best = int(np.argmin(fit.cost))
     if not np.isfinite(fit.cost[best]):
@@ -230,8 +231,11 @@ def group_of(
     else:
         parameters, batch = starts.free_batch(latent, through)
     weights = np.array([ridge for ridge, _ in pairs])
-    task = Task(pieces, parameters, ridge_of(latent, weights * linear.error**2), substeps_for(latent))
-    return Group(q, through, weights, tuple(seed for _, seed in pairs), task, least_squares.begun(task, batch))
+    ridge = ridge_of(latent, weights * linear.error**2)
+    task = Task(pieces, parameters, ridge, substeps_for(latent), SETTLED)
+    one = least_squares.begun(replace(task, ridge=ridge[:1]), batch[slice(1)])  # neurons have little effect, or none
+    fit = least_squares.begun(task, batch, near=(one.start, one.flow))
+    return Group(q, through, weights, tuple(seed for _, seed in pairs), task, fit)
 
 
 def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
@@ -242,15 +246,24 @@ def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K
     return np.asarray(weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)]))
 
 
-def raced(groups: list[Group], tell: Callable[[float], None], rungs: Sequence[tuple[int, int]] = RUNGS) -> None:
-    """Fit all candidates for some steps, go on with the best, and so on."""
+def raced(
+    groups: list[Group], tell: Callable[[float], None], rungs: Sequence[tuple[int, int]], record: Sequence[float] = ()
+) -> list[float]:
+    """Fit all candidates for some steps, go on with the best, and so on; return the least held-out error of each rung.
+
+    `record` are those of an earlier race: who trails far behind is given up.
+    """
+    least: list[float] = []
     for steps, survivors in rungs:
         for group in groups:
             least_squares.fitted(group.task, group.fit, steps, lambda fit: tell(float(np.nanmin(fit.held_out))))
         ranking = ranked(groups)
-        most, places = HOPELESS * ranking[0][0].held_out, min(survivors, ceil(len(ranking) / SHARE))
+        least.append(ranking[0][0].held_out)
+        most = HOPELESS * min([least[-1], *record[len(least) - 1 : len(least)]])
+        places = min(survivors, ceil(len(ranking) / SHARE))
         for place, (candidate, group, k) in enumerate(ranking):
             group.fit.ended[k] |= place >= places or candidate.held_out > most
+    return least
 
 
 def ranked(groups: Sequence[Group]) -> list[tuple[Candidate, Group, int]]:
@@ -267,7 +280,7 @@ def again(group: Group, k: int, weaker: float = 1.0, feedthrough: bool = True) -
         parameters = replace(parameters, free=parameters.free & ~through)
         batch = replace(batch, w=np.where(through, 0.0, batch.w))
     task = replace(group.task, parameters=parameters, ridge=group.task.ridge[one] / weaker)
-    fit = least_squares.begun(task, batch)
+    fit = least_squares.begun(task, batch, least_squares.NEAR, (group.fit.start[one], group.fit.flow[one]))
     return Group(group.neurons, feedthrough, group.ridges[one] / weaker, group.seeds[one], task, fit)
 
 
@@ -281,7 +294,7 @@ def grown(group: Group, k: int, hardens: bool) -> Group:
     count = len(batch.w)
     weights = np.full(count, before.ridge[k].max(initial=0.0))
     task = replace(before, parameters=parameters, ridge=ridge_of(parameters.latent(batch)[0], weights))
-    fit = least_squares.begun(task, batch)
+    fit = least_squares.begun(task, batch, near=(group.fit.start[one], group.fit.flow[one]))
     return Group(
         group.neurons + 1, group.feedthrough, group.ridges[[k] * count], group.seeds[k : k + 1] * count, task, fit
     )

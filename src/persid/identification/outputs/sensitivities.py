@@ -13,7 +13,7 @@ from persid.identification.outputs.runs import blocks, mapped_output, output, sw
 from persid.models.steps import STAGES
 
 LANES = 256  # pieces (times models) whose sensitivities are computed at a time
-CHUNK = 4096  # samples of them at a time
+CHUNK = 1024  # samples of them at a time: their derivatives stay in the cache
 
 
 class Normal(NamedTuple):
