@@ -58,7 +58,7 @@ def test_false_forms_leave(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_undecided_for_want_of_a_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no form can be proved the reason is FORM, and the forms are named."""
     monkeypatch.setattr(Curve, "proves", lambda self, form: False)
-    monkeypatch.setattr(import_module("persid.verdicts.certify"), "certify_network", lambda *question: None)
+    monkeypatch.setattr(import_module("persid.verdicts.questions"), "certify_network", lambda *question: None)
     verdict = ps.certify(ps.PersidskiiModel([[2.0]], [("sinh(x)", None, [[-3.0]])], [[1.0]]))
     assert isinstance(verdict, ps.Undecided)
     assert verdict.reason.name == "FORM"

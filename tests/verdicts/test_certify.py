@@ -225,7 +225,7 @@ def test_interrupted_rate_keeps_the_certificate() -> None:
 def without_rates() -> Iterator[None]:
     """Leave out rate and gain, which take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(import_module("persid.verdicts.certify"), "RATED_STATES", 0)
+        patch.setattr(import_module("persid.verdicts.questions"), "RATED_STATES", 0)
         yield
 
 
@@ -270,14 +270,14 @@ def test_what_is_certified_is_accepted_and_decreases(tmp_path_factory: pytest.Te
 def test_no_model_is_both(without_rates: None, drawn: Any) -> None:
     """A model with a witness is never certified, and one that is certified has no witness."""
     from persid.certificates.witness import find_witness
-    from persid.verdicts.certify import _Asked, _global
+    from persid.verdicts.questions import Question, _global
     from persid.verdicts.log import Log
 
     model = planar(drawn)
     points = ps.find_operating_point(model)
     witness = find_witness(model, model.u_ref, points)
     log = Log(time.perf_counter() + 6, lambda line: None)
-    found = _global(_Asked(model, None, model.u_ref, None, each=False, rate=None), points, log)
+    found = _global(Question(model, None, model.u_ref, None, each=False, rate=None), points, log)
     assert isinstance(found, ps.Refuted) == (witness is not None)
     if witness is not None:  # and if no witness had been looked for
         assert not _without_witness(model, points[:1], log)

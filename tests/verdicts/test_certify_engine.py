@@ -17,12 +17,13 @@ from places import SHARED
 from problems import BY_NAME, PROBLEMS, Problem
 
 certify_module = importlib.import_module("persid.verdicts.certify")
+questions = importlib.import_module("persid.verdicts.questions")
 
 
 @pytest.fixture(autouse=True)
 def without_rates(monkeypatch: pytest.MonkeyPatch) -> None:
     """The verdict alone is tested here; rate and gain take most of the time."""
-    monkeypatch.setattr(certify_module, "RATED_STATES", 0)
+    monkeypatch.setattr(questions, "RATED_STATES", 0)
 
 
 def verdict(model: PersidskiiModel) -> str:
@@ -137,7 +138,7 @@ def test_rejected_certificate_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> 
         raise RejectedError("the checker does not accept it: Q: not positive definite")
 
     monkeypatch.setattr(Certificate, "accept", refuse)
-    monkeypatch.setattr(certify_module, "certify_network", lambda *question: None)
+    monkeypatch.setattr(questions, "certify_network", lambda *question: None)
     answer = certify_module.certify(BY_NAME["linear"].build(), time_limit=60.0)
     assert not answer.is_certified
     assert "does not accept" in str(answer)

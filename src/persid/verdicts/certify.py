@@ -1,45 +1,21 @@
-"""The verdict on a model: certified, refuted, or undecided with its reason, by the attempts that cost least first."""
-
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+"""The verdict on a model: certified, refuted, or undecided with its reason: the door to all questions."""
 
 import numpy as np
 from numpy import ndarray
 
 from persid._threads import few_threads
-from persid.certificates.certificate import Certificate
-from persid.certificates.margin import Margin
 from persid.certificates.outputs import refuse_steep_maps
-from persid.certificates.witness import find_witness
 from persid.errors import ModelError
-from persid.lyapunov.arrays import HOST, Arrays, arrays_on
-from persid.lyapunov.frame import Frame
-from persid.lyapunov.interior_point import Status
-from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
-from persid.lyapunov.shifted_model import Setting, undefined
+from persid.lyapunov.arrays import arrays_on
+from persid.lyapunov.operating_points import vector
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
-from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
-from persid.verdicts import failures as words
-from persid.verdicts.evidence import simulated
-from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows, with_slopes
-from persid.verdicts.failures import Failure, stopped
-from persid.verdicts.log import ALL_STATES, Log, Progress
-from persid.verdicts.margins import MARGIN_STATES, residual_margin
-from persid.verdicts.practical import practically
-from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
-from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
+from persid.verdicts.log import Log, Progress
+from persid.verdicts.questions import Question, decide
+from persid.verdicts.verdict import Certified, Reason, Undecided, Verdict
 
 CLAIMS = ("strongest", "incremental", "practical")  # that may be asked for
-ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
-FULL_P_STATES = 50  # a full P is tried up to this many states
-Way = Callable[[], "Certified | NetworkCertificate | Failure"]
-FACTS_STATES = 60  # facts across functions are tried up to this many states
-PRACTICAL_STATES = 20  # a ball is sought up to this many states
-SLOPED = 20  # and slopes along solutions, the dearest, up to so many states and functions together
-FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 50 it takes five times as long
 
 
 def certify(
@@ -130,11 +106,11 @@ def certify(
             few_threads(dynamics.n),
             np.errstate(all="ignore"),
         ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            asked = _Asked(
+            asked = Question(
                 model=dynamics, near=near, u=u, box=box, each=gains == "each", rate=rate, outputs=outputs, claim=claim,
                 arrays=arrays, auto=_is_auto(domain),
             )  # fmt: skip
-            return _decide(asked, log)
+            return decide(asked, log)
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
@@ -153,75 +129,6 @@ def _of_equations(
             return certify_descriptor(model, near, u, rate, each, claim, log)
     except KeyboardInterrupt:
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
-
-
-@dataclass(frozen=True, eq=False)
-class _Asked:
-    """A question: the model at input u near a state (None: x_ref), in a box (None: globally), a gain for each input, a
-    rate (None: half of the best one).
-
-    With `outputs` these are bounded where a certificate has a rate.
-    """
-
-    model: PersidskiiModel
-    near: ndarray | None
-    u: ndarray
-    box: ndarray | None
-    each: bool
-    rate: float | int | None
-    outputs: OutputModel | None = None
-    claim: str = "strongest"
-    arrays: Arrays = HOST
-    auto: bool = False  # a region is asked for, and its bounds are for the search to choose
-
-
-def _decide(asked: _Asked, log: Log) -> Verdict:
-    """Answer the global question, unless a box is given; then the regional one, where there is a box."""
-    if asked.model.is_sparse and asked.box is None and not asked.auto:
-        found = _by_weights(asked, log)
-        if isinstance(found, NetworkCertificate):
-            return Certified(found, tuple(log.attempts))
-        if asked.model.is_large:
-            return _undecided(found, asked, log)
-    asked = replace(asked, model=asked.model.dense())
-    with log.attempt("equilibria at the nominal input") as outcome:
-        points = find_operating_point(asked.model, asked.u, near=asked.near)
-        outcome.append(f"{len(points)} found and proved")
-    if asked.auto:
-        widest = _widest(asked, points, log)
-        return widest if isinstance(widest, Certified) else _undecided(widest, asked, log)
-    verdict = None if asked.box is not None else _global(asked, points, log)
-    if asked.claim == "practical" and not isinstance(verdict, Certified):
-        verdict = _practical(asked, verdict, log)
-    if isinstance(verdict, Certified | Refuted):
-        return verdict
-    box = asked.model.domain if asked.box is None and asked.claim == "strongest" else asked.box
-    regional = verdict if box is None else _regional(asked, points, box, log)
-    if isinstance(regional, Certified):
-        return regional
-    failure = verdict or regional or stopped(Status.TIME)
-    if points and isinstance(regional, Failure) and failure.reason is Reason.OUTSIDE:  # a region was asked for
-        failure = regional
-    return _undecided(failure, asked, log)
-
-
-def _widest(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:
-    """Certify for all states, the largest region there is, where that takes little time; else in strips."""
-    with log.share(ALL_STATES):
-        everywhere = _global(asked, points, log)
-    return everywhere if isinstance(everywhere, Certified) else _by_strips(asked, points, log)
-
-
-def _undecided(failure: Failure, asked: _Asked, log: Log) -> Undecided:
-    """Return the verdict of a failure, with what simulations do."""
-    evidence = None
-    # where a function ends, a run that goes on tells nothing
-    if log.limit > 0 and not asked.model.is_large and not undefined(asked.model):
-        with log.attempt("simulations from bounded states") as outcome:
-            evidence = simulated(asked.model, asked.u, asked.box)
-            moving = f", {evidence.moving} still moving" if evidence.moving else ""
-            outcome.append(f"{evidence.diverged} of {evidence.runs} diverged{moving}")
-    return Undecided(failure.reason, failure.detail, tuple(log.attempts), failure.obstruction, evidence)
 
 
 def _near(model: PersidskiiModel, operating_point: object) -> ndarray | None:
@@ -250,211 +157,3 @@ def _box(model: PersidskiiModel, domain: object) -> ndarray | None:
     if box.shape != (model.n, 2) or not (np.isfinite(box).all() and (box[:, 0] < box[:, 1]).all()):
         raise ModelError(f"a box needs one finite [lo, hi] with lo < hi for each of the {model.n} states")
     return box
-
-
-def _global(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Refuted | Failure:
-    """Refute if that is cheap; else try ways to certify, the cheap ones first.
-
-    Where functions can have no margin, forces of springs, facts are: nothing else can succeed.
-    """
-    with log.attempt("witnesses against stability") as outcome:
-        witness = find_witness(asked.model, asked.u, points)
-        outcome.append("none" if witness is None else witness.kind)
-    if witness is not None:
-        return Refuted(witness, tuple(log.attempts))
-    if not points:
-        return Failure(Reason.OUTSIDE, words.NO_POINT)
-    if missing := undefined(asked.model):
-        return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
-    if log.left() <= 0:
-        return stopped(Status.TIME)
-    setting = Setting.of(asked.model, points[0], arrays=asked.arrays)
-    if asked.claim == "incremental":
-        return _between_solutions(asked, setting, log)
-    forms = partial(_by_forms, asked, setting, log)
-    ways = [forms] if asked.model.is_discrete else _ways(asked, setting, forms, log)
-    failure = stopped(Status.TIME)
-    for way in ways:
-        if log.left() <= 0:
-            break
-        answer = way()
-        if isinstance(answer, NetworkCertificate):
-            return Certified(answer, tuple(log.attempts))
-        if isinstance(answer, Certified):
-            return answer
-        failure = answer if way is forms else failure
-    return failure
-
-
-def _ways(asked: _Asked, setting: Setting, forms: Way, log: Log) -> list[Way]:
-    """Return the ways to certify in continuous time in their order: products of forms are one of them."""
-    ways: list[Way] = [forms, partial(_by_weights, asked, log)]
-    if asked.outputs is not None or not 1 < asked.model.n <= FACTS_STATES:
-        return ways
-    frame = frame_of(setting)
-    ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
-    sloped = with_slopes(setting, frame)
-    if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
-        ways.append(partial(_by_facts, asked, setting, sloped, log))
-    return ways
-
-
-def _between_solutions(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
-    """Certify with nondecreasing forms and V = x'P x: what they prove about x* holds between any two solutions."""
-    if not asked.model.is_discrete and asked.outputs is None and asked.model.n <= FACTS_STATES:
-        frame = frame_of(setting).monotone
-        if has_zero_rows(frame):
-            found = _by_facts(asked, setting, frame, log)
-            between = isinstance(found, Failure) or getattr(found.certificate, "is_incremental", False)
-            return found if between else stopped(Status.INFEASIBLE)
-    setting, failure = setting.monotone, stopped(Status.TIME)
-    for kind in _kinds(asked.model):
-        if log.left() <= 0:
-            break
-        with log.attempt(f"any two solutions, {kind} P") as outcome:
-            find = partial(rate_and_gain, full_P=kind == "full", rate=asked.rate, each=asked.each, log=log)
-            answer, setting = settled(setting, find, log, asked.outputs)
-            outcome.append(_word(answer))
-        if isinstance(answer, Certificate) and answer.is_incremental:
-            return _beside_the_best(asked, setting, answer, log)
-        failure = answer if isinstance(answer, Failure) else Failure(Reason.FORM, words.NOT_RISING)
-    return failure
-
-
-def _by_forms(asked: _Asked, setting: Setting, log: Log) -> Certified | Failure:
-    """Certify with products of forms inside each group: a diagonal P, then a full one."""
-    failure = stopped(Status.TIME)
-    for kind in _kinds(asked.model):
-        with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
-            answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log, asked.outputs)
-            outcome.append(_word(answer))
-        if isinstance(answer, Certificate):
-            log.best = answer
-            return _with_margin(asked, setting, _rated(asked, setting, kind == "full", answer, log), log)
-        failure = answer
-    return failure
-
-
-def _by_facts(asked: _Asked, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
-    """Certify with facts across channels, and with rows that are exactly zero; or with slopes along solutions, too."""
-    what = "slopes along solutions" if frame.sloped else "facts across functions, rows that are zero"
-    with log.attempt(what) as outcome:
-        found, fastest = by_facts(About.of(setting), frame, asked.rate, asked.each, log)
-        outcome.append(_word(found))
-    return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
-
-
-def _practical(asked: _Asked, verdict: Refuted | Failure | None, log: Log) -> Certified | Refuted | Failure | None:
-    """Certify that every run comes into a ball about x_ref, where the nominal input is u_ref; else keep the verdict."""
-    if isinstance(verdict, Refuted) and verdict.witness.kind in ESCAPES:
-        return verdict
-    if asked.model.is_discrete or asked.outputs is not None or (asked.u != asked.model.u_ref).any():
-        return verdict
-    if asked.model.n > PRACTICAL_STATES or log.left() <= 0:
-        return verdict
-    with log.attempt("a ball about x_ref that every run comes into") as outcome:
-        answer = practically(asked.model, asked.each, log)
-        outcome.append(_word(answer))
-    return Certified(answer, tuple(log.attempts)) if isinstance(answer, Certificate) else verdict
-
-
-def _by_weights(asked: _Asked, log: Log) -> NetworkCertificate | Failure:
-    """Certify with V = sum w_k |x_k - x*_k| (claim L1), where argument rows are positive multiples of unit vectors."""
-    model = asked.model
-    nominal = bool((asked.u == model.u_ref).all())
-    at_reference = nominal and (asked.near is None or bool((asked.near == model.x_ref).all()))
-    with log.attempt("a weighted l1 norm") as outcome:
-        found = certify_network(model, at_reference, log.progress)
-        answer = found if isinstance(found, NetworkCertificate) else Failure(Reason.NOT_FOUND, words.LARGE)
-        if isinstance(found, NetworkObstruction):
-            answer = Failure(Reason.INFEASIBLE, words.LARGE, found)
-        outcome.append(_word(answer))
-    return answer
-
-
-def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
-    return ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
-
-
-def _rated(asked: _Asked, setting: Setting, full_P: bool, certificate: Certificate, log: Log) -> Certified:
-    """Return the verdict by a certificate with rate and gain where there is one and time for it, else by the one given.
-
-    Up to a size P is full there even if a diagonal one shows stability: rate and gain then are the same in all
-    orthogonal coordinates.
-    """
-    if certificate.stated.drops_states or setting.model.n > RATED_STATES or log.left() <= 0:
-        return Certified(certificate, tuple(log.attempts))
-    with log.attempt(RATED) as outcome:
-        full_P = full_P or 1 < setting.model.n <= FULL_RATED_STATES
-        find = partial(rate_and_gain, full_P=full_P, rate=asked.rate, each=asked.each, log=log)
-        answer, setting = settled(setting, find, log, asked.outputs)
-        outcome.append(_word(answer))
-    if isinstance(answer, Certificate):
-        return _beside_the_best(asked, setting, answer, log)
-    return Certified(certificate, tuple(log.attempts))
-
-
-def _beside_the_best(asked: _Asked, setting: Setting, certificate: Certificate, log: Log) -> Certified:
-    """Return the verdict by a certificate with a rate, and beside it the proof of the best rate that was found."""
-    log.best, found = certificate, None
-    with log.attempt("the best rate") as outcome:
-        answer, _ = settled(setting, partial(fastest, log=log), log, asked.outputs)
-        outcome.append(_word(answer))
-    if isinstance(answer, Certificate) and (answer.rate or 0.0) > (certificate.rate or 0.0):
-        found = answer
-    return Certified(certificate, tuple(log.attempts), found)
-
-
-def _with_margin(asked: _Asked, setting: Setting, found: Certified, log: Log) -> Certified:
-    """Return a verdict with the residual margin, where the certificate is one of states and there is time."""
-    unasked = asked.outputs is not None or setting.model.is_discrete  # deviations of a step are not sought
-    if unasked or setting.model.n > MARGIN_STATES or log.left() <= 0:
-        return found
-    with log.attempt("residual margin") as outcome:
-        answer = residual_margin(setting, asked.u, log)
-        margin = answer if isinstance(answer, Margin) else None
-        outcome.append(_word(answer.certificate if isinstance(answer, Margin) else answer))
-    return replace(found, attempts=tuple(log.attempts), margin=margin)
-
-
-def _regional(asked: _Asked, points: tuple[OperatingPoint, ...], box: ndarray, log: Log) -> Certified | Failure:
-    """Certify the largest region in the box that is found, about the first equilibrium inside it that allows one."""
-    first: Failure | None = None  # of the equilibrium that was asked about, the nearest one
-    for point in points:
-        if not (point.reach(box) > 0).all():
-            continue
-        if missing := undefined(asked.model, point, box):
-            return first or Failure(Reason.OUTSIDE, words.UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
-        if log.left() <= 0:
-            return first or stopped(Status.TIME)
-        setting = Setting.of(asked.model, point, box, asked.arrays)
-        for kind in _kinds(asked.model):
-            with log.attempt(f"region in the box, {kind} P") as outcome:
-                find = partial(rate_and_gain, full_P=kind == "full", rate=asked.rate, each=asked.each, log=log)
-                tried, setting = settled(setting, find, log, asked.outputs)
-                outcome.append(_word(tried))
-            if isinstance(tried, Certificate):
-                return _with_margin(asked, setting, _beside_the_best(asked, setting, tried, log), log)
-            failure = tried
-        first = first or failure
-    return first or Failure(Reason.OUTSIDE, words.NOT_INSIDE)
-
-
-def _by_strips(asked: _Asked, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:
-    """Certify the largest region that is found about the first equilibrium that allows one."""
-    if asked.model.is_discrete:
-        return Failure(Reason.OUTSIDE, words.NO_STRIPS)
-    failure = Failure(Reason.OUTSIDE, words.NO_POINT)
-    for k, point in enumerate(points):
-        with log.attempt("region of strips, their widths chosen for its volume") as outcome:
-            setting = Setting.of(asked.model, point)
-            answer = by_strips(About.of(setting), frame_of(setting), asked.rate, asked.each, log, asked.outputs)
-            outcome.append(_word(answer))
-        if isinstance(answer, Certificate):
-            return Certified(answer, tuple(log.attempts))
-        failure = answer if k == 0 else failure
-    return failure
-
-
-def _word(answer: Certificate | NetworkCertificate | Failure) -> str:
-    return answer.reason.name.lower() if isinstance(answer, Failure) else f"certified, {answer.claim}"
