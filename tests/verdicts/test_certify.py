@@ -270,8 +270,8 @@ def test_what_is_certified_is_accepted_and_decreases(tmp_path_factory: pytest.Te
 def test_no_model_is_both(without_rates: None, drawn: Any) -> None:
     """A model with a witness is never certified, and one that is certified has no witness."""
     from persid.certificates.witness import find_witness
-    from persid.verdicts.questions import Question, _global
     from persid.verdicts.log import Log
+    from persid.verdicts.questions import Question, _global
 
     model = planar(drawn)
     points = ps.find_operating_point(model)
