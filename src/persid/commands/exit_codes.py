@@ -69,9 +69,9 @@ def refuse_unwritable(path: Path) -> None:
 
 
 @contextmanager
-def kept(folder: Path) -> Iterator[Callable[["PersidskiiModel | OutputModel"], None]]:
+def kept(folder: Path) -> Iterator[Callable[["PersidskiiModel | OutputModel | DescriptorModel"], None]]:
     """Yield what takes a fit that is finished; where the work after it is interrupted, the newest one is written."""
-    finished: list[PersidskiiModel | OutputModel] = []
+    finished: list[PersidskiiModel | OutputModel | DescriptorModel] = []
     try:
         yield finished.append
     except KeyboardInterrupt:

@@ -12,6 +12,7 @@ import click
 from persid._files import Json
 from persid.commands.advice import advice_facts, advice_rows, after
 from persid.commands.console import Talk, complain
+from persid.commands.equations import equation_options, refuse_others, run_equations
 from persid.commands.exit_codes import (
     DONE,
     EXIT,
@@ -86,6 +87,8 @@ def run(
     removed. The exit code is that of the verdict.
     With --outputs in place of --states the state counts as unmeasured: order and neurons are chosen by free runs, the
     model is stable by construction, and every output is bounded in its own unit. Ctrl-C then keeps the best so far.
+    With --algebraic beside --states some measured variables have equations in place of derivatives: each equation says
+    what its variable is. One --domain auto then asks for a region.
 
     \b
     Example:
@@ -120,6 +123,11 @@ def run(
     outputs, unmeasured = how.pop("outputs"), output_options(how)
     if (outputs is None) == (how["states"] is None):
         raise click.UsageError("give --states, or --outputs where the state was not measured")
+    if (algebraic := how.pop("algebraic")) is not None:
+        refuse_others()
+        fit = equation_options({"functions": functions, "ridge": ridge, **fit_options(how)})
+        wanted = Asked(data, tuple(test), {**how, "algebraic": algebraic}, fit, _command())
+        return run_equations(wanted, question(operating_point, u_op, domain, time_limit, rate), output, talk)
     if outputs is not None:
         fit_options(how)
         if rate is not None:

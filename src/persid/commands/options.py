@@ -227,6 +227,9 @@ reading = together(states, columns)
 measuring = together(
     click.option("--states", type=Names(), help="Columns of the states, such as x1,x2."),
     click.option("--outputs", type=Names(), help="Columns of the outputs, where the state was not measured."),
+    click.option("--algebraic", type=Names(),
+                 help="With --states: columns of algebraic variables, without a derivative; --functions and --pattern "
+                      "then count them behind the states."),
     columns,
     click.option("--order", type=Auto(), help="With --outputs: number of states; by default it is chosen."),
     click.option("--neurons", type=Auto(), help="With --outputs: number of neurons; by default it is chosen."),

@@ -1,10 +1,10 @@
 """DescriptorIdentifier: states by their derivatives, measured algebraic variables by what they are at every sample."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray
 from sklearn.base import BaseEstimator
 
@@ -12,6 +12,7 @@ from persid._files import Json
 from persid.errors import DataError
 from persid.identification.identifier import FUNCTIONS, PersidskiiIdentifier
 from persid.measurements.trajectories import Trajectories
+from persid.measurements.trajectory import Trajectory
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 
@@ -32,8 +33,8 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     constant: whether rows have constants.  hold: "zoh" or "paper", as of PersidskiiIdentifier.
     holdout: the share at the end of every run that is left out, for `scores_`.
 
-    After `fit`: model_, and scores_: the root mean square error of free runs over what was held out, by variable, in
-    its unit.
+    After `fit`: model_, held_: what was held out, and scores_: the root mean square error of free runs over it, by
+    variable, in its unit.
 
     Examples:
         >>> true = ps.DescriptorModel([[-1.0, -1.0], [0.0, -1.0]], [("tanh(x)", [[1.0, 0.0]], [[0.0], [1.0]])],
@@ -92,7 +93,8 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
             **usual, hold="paper", method="derivative", pattern=self._pattern(data, own=False), **reference
         ).fit(fitted, [run.x for run in fitted])
         self.model_ = _joined(states.model_, values.model_, tuple(self.algebraic))
-        self.scores_ = _scores(self.model_, held)
+        self.held_ = held
+        self.scores_ = free_runs_of(self.model_, held).errors
         return self
 
     def _pattern(self, data: Trajectories, *, own: bool) -> ndarray:
@@ -138,14 +140,31 @@ def _joined(states: PersidskiiModel, values: PersidskiiModel, algebraic: tuple[s
     return DescriptorModel(whole, algebraic=algebraic)
 
 
-def _scores(model: DescriptorModel, held: Trajectories) -> dict[str, float]:
-    """Return the root mean square errors of free runs, infinity where one ends early."""
-    at = [held.states.index(name) for name in model.variables]
-    squares, count = np.zeros(len(at)), 0
-    for run in held:
-        z: Float[ndarray, "K N"] = run.x[:, at]
-        found = model.simulate(z[0, : model.n], run.t, run.u, near=z[0, model.n :])[0].x
-        squares += np.inf if len(found) < len(z) else ((found - z) ** 2).sum(axis=0)
+@dataclass(frozen=True, eq=False)
+class FreeRuns:
+    """Measured runs beside free runs of a model, all variables in the model's order.
+
+    By variable: root mean square errors in its unit, infinite where a run ends early, and R².
+    """
+
+    pairs: tuple[tuple[Trajectory, Trajectory], ...]
+    errors: dict[str, float]
+    r2: dict[str, float]
+
+
+def free_runs_of(model: DescriptorModel, data: Trajectories) -> FreeRuns:
+    """Simulate a model from the first sample of every run, the algebraic variables near where they were measured."""
+    at = [data.states.index(name) for name in model.variables]
+    pairs, squares, spread, count = [], np.zeros(len(at)), np.zeros(len(at)), 0
+    for run in data:
+        measured = Trajectory(run.t, run.x[:, at], run.u)
+        z, n = measured.x, model.n
+        free = model.simulate(z[0, :n], run.t, run.u, near=z[0, n:])[0]
+        pairs.append((measured, free))
+        squares += np.inf if len(free) < len(z) else ((free.x - z) ** 2).sum(axis=0)
+        spread += ((z - z.mean(axis=0)) ** 2).sum(axis=0)
         count += len(z)
-    errors = np.sqrt(squares / count)
-    return dict(zip(model.variables, errors.tolist(), strict=True))
+    with np.errstate(all="ignore"):
+        values = np.sqrt(squares / count), 1 - squares / spread
+    errors, r2 = (dict(zip(model.variables, each.tolist(), strict=True)) for each in values)
+    return FreeRuns(tuple(pairs), errors, r2)

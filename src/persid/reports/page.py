@@ -14,6 +14,7 @@ from numpy import ndarray
 from persid._files import write_atomically
 from persid.measurements.trajectories import Trajectories
 from persid.models import mathml
+from persid.models.descriptor import DescriptorModel
 from persid.models.equations import equations
 from persid.models.formulas import term_names
 from persid.models.model import PersidskiiModel
@@ -22,6 +23,7 @@ from persid.plots.style import timed_in
 from persid.reports import figures as drawings
 from persid.reports import proof_figures as portraits
 from persid.reports.comparison import both_fits
+from persid.reports.equations_page import write_equations_report
 from persid.reports.figures import Drawing, FreeRun
 from persid.reports.front import front, picture
 from persid.reports.layout import CERTIFICATE, FIGURES, INFEASIBLE, MODEL, MODELS, PLANTS, REPORT, WITNESS
@@ -55,6 +57,9 @@ def write_report(results: Results, folder: Path) -> None:
     """
     if isinstance(results.model, OutputModel):
         write_output_report(results, folder)
+        return
+    if isinstance(results.model, DescriptorModel):
+        write_equations_report(results, results.model, folder)
         return
     (folder / FIGURES).mkdir(exist_ok=True)
     with drawings.style():

@@ -32,7 +32,7 @@ class Results:
     `held` is what the scores of the record are on, where it is at hand and the fit has not seen it.
     """
 
-    model: PersidskiiModel | OutputModel
+    model: PersidskiiModel | OutputModel | DescriptorModel
     verdict: Verdict
     data: Trajectories | None
     record: Record | None
@@ -45,7 +45,9 @@ class Results:
 
     @property
     def dynamics(self) -> PersidskiiModel:
-        """The model of the states, whose outputs may be what was measured."""
+        """The model of the states, whose outputs may be what was measured; with equations their right sides, too."""
+        if isinstance(self.model, DescriptorModel):
+            return self.model.rows
         return self.model.dynamics if isinstance(self.model, OutputModel) else self.model
 
     @property
@@ -75,7 +77,9 @@ def read_results(folder: Path) -> Results:
         raise FolderError(f"{folder}: there is no {MODEL}; give the folder that persid run has written (-o)")
     model = load_model(folder / MODEL)
     if isinstance(model, DescriptorModel):
-        raise FolderError(f"{folder}: {MODEL} has algebraic variables, which no report is about yet")
+        raise FolderError(
+            f"{folder}: {MODEL} has algebraic variables, whose report persid run has written; run it again for another"
+        )
     record = Record.load(folder)
     verdict = read_verdict(folder, model, record.attempts if record else ())
     if record is None:

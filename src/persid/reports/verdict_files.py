@@ -12,6 +12,7 @@ from persid.certificates.margin import Margin
 from persid.certificates.obstruction import Obstruction
 from persid.certificates.witness import Witness
 from persid.errors import FolderError, RejectedError
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, companion
@@ -25,7 +26,7 @@ FORMAT = "persid-obstruction-1"
 MARGIN_FORMAT = "persid-margin-1"
 
 
-def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | OutputModel) -> str:
+def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | OutputModel | DescriptorModel) -> str:
     """Write certificate.json, witness.json or obstruction.json, whichever the verdict calls for; return its name."""
     if isinstance(verdict, Certified):
         verdict.certificate.save(folder / CERTIFICATE)
