@@ -106,3 +106,11 @@ def test_a_region_with_a_sharp_bound_of_an_integral_is_a_ledger() -> None:
     assert isinstance(verdict, ps.Certified)
     assert isinstance(verdict.certificate, Certificate)
     assert verdict.certificate.content["format"] == "persid-certificate-2"
+
+
+def test_a_region_that_ends_near_a_zero_of_its_function_is_a_ledger() -> None:
+    """The bound of the integral of sin on |x| < 3.05 holds by a hair at the ends: thousands of pieces prove it."""
+    pendulum = ps.PersidskiiModel([[0, 1], [0, -0.5]], [("sin(x)", [[1, 0]], [[0], [-1.0]])], [[0.0], [1.0]])
+    verdict = ps.certify(pendulum, domain=[[-3.05, 3.05], [-9, 9]])
+    assert isinstance(verdict, ps.Certified)
+    assert verdict.certificate.claim == "region"

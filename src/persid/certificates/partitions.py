@@ -20,6 +20,7 @@ TAILS = tuple(Fraction(2) ** k for k in (3, 5, 8, 12, 20))
 PROBES = tuple(s * Fraction(3 * 2 ** (k + 8), 1024) for k in range(-6, 6) for s in (1, -1))  # 0.01 to 24, and minus
 PIECES = 3000  # of a partition
 FINEST = Fraction(1, 2**40)
+BITS = 40  # of a cut between the centre and an end
 _ZERO = Fraction(0)
 
 
@@ -64,7 +65,7 @@ def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fractio
     Near the centre the quantity is about linear in the distance, so only pieces that are short beside it keep its sign.
     """
     low, high = lemma.centre or (_ZERO, _ZERO)
-    for count in (32, 128, 512, 2048):
+    for count in (32, 128, 512, 2048, 8192):
         left = [low - d for d in _distances(low - ends[0], count)]
         right = [high + d for d in _distances(ends[1] - high, count)]
         hinges = (t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high)
@@ -83,7 +84,8 @@ def _distances(reach: Fraction, count: int) -> list[Fraction]:
     rising = [2.0**-20]
     while rising[-1] < 1 - step:
         rising.append(min(rising[-1] * ratio, rising[-1] + step))
-    return [reach * Fraction(share) for share in (*rising, 1.0)]
+    unit = Fraction(2) ** (reach.numerator.bit_length() - reach.denominator.bit_length() - BITS)  # cuts are short
+    return [*(unit * round(reach * Fraction(share) / unit) for share in rising), reach]
 
 
 def _ends(lemma: Lemma) -> tuple[Fraction, Fraction] | None:
