@@ -7,6 +7,7 @@ looked for between nothing and the largest for which the inequality holds.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -101,16 +102,15 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
     if not points:
         return None
     setting = Setting.of(model.dynamics, points[0])
+    if not all(len(slope_forms(group.curve)) == 2 * len(group.channels) for group in setting.found):
+        return None  # a neuron's slope is not proved to lie in [0, 1]
     hard = np.minimum(fit.M, 0.0)
     P = np.eye(model.dynamics.n) if fit.P is None else rounded(fit.metric + (fit.R.T * hard) @ fit.R)
     P = (P + P.T) / 2
     for share in DENSITIES:
         least = share * float(np.abs(fit.M).max(initial=0.0))
         M = np.where(least >= np.abs(fit.M), 0.0, fit.M)
-        chosen = _chosen(setting, M, fit.T)
-        if chosen is None:
-            return None
-        found = _paced(Lyapunov(setting.system, P, chosen, 0.0), fit, model, min_rate)
+        found = _paced(partial(_slowed, setting, P, M, fit.T, fit.kappa), fit, min_rate)
         if found is None:
             continue
         try:
@@ -120,8 +120,8 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
     return None
 
 
-def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) -> tuple[Chosen, ...] | None:
-    """Return the fit's multipliers, group by group; None where a neuron's slope is not proved to lie in [0, 1].
+def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) -> tuple[Chosen, ...]:
+    """Return the fit's multipliers, group by group.
 
     Neurons whose rows are multiples a r of one row r stand in one group: w_c and a r'z - w_c are its forms, and
     M int w_c of a r'z is that of the form with M a. A neuron without effect has no place, nor has its M or T.
@@ -130,8 +130,6 @@ def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) 
     for group in setting.found:
         count = len(group.channels)
         forms = np.array(slope_forms(group.curve)).reshape(-1, 1 + count)
-        if len(forms) != 2 * count:
-            return None
         channels = list(group.channels)
         per_row = M[channels] * [float(factor) for factor in group.curve.factors]
         mu = np.stack([np.maximum(per_row, 0.0), np.maximum(-per_row, 0.0)], 1).ravel()
@@ -140,17 +138,31 @@ def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) 
     return tuple(found)
 
 
-def _paced(start: Lyapunov, fit: StableFit, model: OutputModel, min_rate: float) -> Lyapunov | None:
+def _slowed(
+    setting: Setting, P: Float[ndarray, "n n"], M: Float[ndarray, " q"], T: Float[ndarray, " q"], own: float,
+    kappa: float,
+) -> Lyapunov:  # fmt: skip
+    """Return the fit's proof at another kappa than its own kappa_0, where that is larger.
+
+    Its inequality has kappa_0 w'M R z, M >= 0. Of that (kappa_0 - kappa) w'M (R z - w) goes to the products, T grows by
+    (kappa_0 - kappa) M, and what is left, (kappa_0 - kappa) (z'P z + 2 w'M w), is not negative.
+    """
+    more = max(own - kappa, 0.0) * np.maximum(M, 0.0)
+    return Lyapunov(setting.system, P, _chosen(setting, M, T + more), kappa)
+
+
+def _paced(at: Callable[[float], Lyapunov], fit: StableFit, min_rate: float) -> Lyapunov | None:
     """Return it at the rate with the smallest gains of the outputs, at least `min_rate` where there is one so fast."""
+    start = at(0.0)
     if not start.is_sound:
         return None
     fastest, asked = max(fit.kappa, 2 * float(-np.linalg.eigvals(fit.A).real.max()), 1e-12), 2 * PROVED * min_rate
     falling = sorted([*(fastest / 1.5**k for k in range(HALVINGS)), fit.kappa, asked], reverse=True)
-    kappa = next((rate for rate in falling if 0 < rate <= fastest and replace(start, kappa=rate).is_sound), None)
+    kappa = next((rate for rate in falling if 0 < rate <= fastest and at(rate).is_sound), None)
     if kappa is None:
         return start
     rates = [share * kappa for share in RATES] + [asked] * (0 < asked < kappa)
-    tried = [replace(start, kappa=float(rounded(np.array([rate]))[0])) for rate in rates]
+    tried = [at(float(rounded(np.array([rate]))[0])) for rate in rates]
     sound = [one for one in tried if one.is_sound and np.isfinite(one.gamma)]
     fast = [one for one in sound if one.kappa >= 2 * min_rate]
     if not sound:
