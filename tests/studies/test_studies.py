@@ -87,7 +87,7 @@ def test_every_proof_of_the_traffic_study_checks(quick: Callable) -> None:
 
 def test_true_traffic_system_is_not_stable(tmp_path: Path) -> None:
     """The true system is refuted by two equilibria on the plane and certified in a box about one of them."""
-    found = traffic._truth_verdicts(parts_in(tmp_path))
+    found = traffic._truth_verdicts(parts_in(tmp_path))["verdicts"]
     assert (found["global"]["verdict"], found["global"]["why"]) == ("refuted", "two-equilibria")
     assert (found["regional"]["verdict"], found["regional"]["scope"]) == ("certified", "regional")
     assert all(isinstance(ps.check(path), ps.Accepted) for path in (tmp_path / "proofs").iterdir())

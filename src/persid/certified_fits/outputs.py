@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 from persid._threads import few_threads
 from persid.certified_fits.output_demands import Demand
 from persid.errors import DataError, ModelError
-from persid.identification.outputs.answer import ROOM, Answer, answered, demanded
+from persid.identification.outputs.answer import ROOM, Answer, Demands, answered, demanded
 from persid.identification.outputs.known import Known
 from persid.identification.outputs.selection import Candidate, Question
 from persid.measurements.arrays import as_trajectories, refuse_target
@@ -171,7 +171,7 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         known = self._known_entries(data, answer.candidate.neurons)
         self._deliver(
             answer, data, least, demand, known,
-            lambda fit, gains: demanded(fit, records, step, question, gains, known, tell),
+            lambda fit, gains: demanded(fit, records, step, question, Demands(gains, known), tell),
         )  # fmt: skip
         return self
 

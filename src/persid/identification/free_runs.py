@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._files import Json
 from persid.identification.basis import Basis
 from persid.measurements.boxes import box_of, reach, widths
 from persid.measurements.moments import Moments, row_moments
@@ -55,10 +54,6 @@ class Score:
     def blow_ups(self) -> int:
         """Number of runs that diverged."""
         return sum(time is not None for time in self.diverged_at)
-
-    def figures(self) -> Json:
-        """Return what is said over all states together, as an object of JSON."""
-        return {"rmse": self.rmse, "r2": self.r2, "r2_mean": self.r2_mean, "blow_ups": self.blow_ups}
 
     @property
     def unfinished(self) -> int:

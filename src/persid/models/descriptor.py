@@ -214,11 +214,9 @@ class DescriptorModel:
         x0, t = finite_array("x0", x0, (self.n,)), np.array(t, float)
         given = sampled_input(t, u, self.m)
         first = self.rows.field.sampled(t[:1], given[:1] if isinstance(given, ndarray) else given)[0]
-        return Trajectories(
-            (integrate(self._equations, x0, self.solve(x0, first, near), t, given, rtol, atol),),
-            self.variables,
-            self.inputs,
-        )
+        start = np.concatenate([x0, self.solve(x0, first, near)])
+        run = integrate(self._equations, start, t, given, (rtol, atol))
+        return Trajectories((run,), self.variables, self.inputs)
 
     def to_dict(self) -> Json:
         """Return the model as the object of `model.json`."""

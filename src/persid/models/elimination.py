@@ -102,20 +102,20 @@ class _Run:
 
 
 def integrate(
-    equations: Equations, x0: Float[ndarray, " n"], w0: Float[ndarray, " k"], t: Float[ndarray, " N"], u: Any,
-    rtol: float, atol: float,
-) -> Trajectory:  # fmt: skip
-    """Return the run of all variables from x0, w0 sampled at t; see `DescriptorModel.simulate`."""
+    equations: Equations, start: Float[ndarray, " N"], t: Float[ndarray, " T"], u: Any, tolerances: tuple[float, float]
+) -> Trajectory:
+    """Return the run of all variables sampled at t; see `DescriptorModel.simulate`."""
     right, n = equations.field, equations.n
+    x0, w0 = start[:n], start[n:]
     held = right.sampled(t, u)
     cap = STATE_CAP * (1 + float(np.abs(x0).max() + np.abs(right.x_ref[:n]).max()))
     moving = moving_force(right, u) if callable(u) else None
     ends = [0, len(t) - 1] if moving else jumps(held)
-    states, run, end = [np.concatenate([x0, w0])[None]], _Run(equations, partial(constant, x0), w0), End()
+    states, run, end = [start[None]], _Run(equations, partial(constant, x0), w0), End()
     with quiet():
         for a, b in pairwise(ends):
             run.force = moving or partial(constant, right.forcing(held[a]))
-            found, end = _span(run, states[-1][-1][:n], t[a : b + 1], (rtol, atol), cap)
+            found, end = _span(run, states[-1][-1][:n], t[a : b + 1], tolerances, cap)
             states.append(found)
             if end.early:
                 break

@@ -10,6 +10,7 @@ last 30 % of the time by a fit to the first 70 %.
 
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
+from typing import TypedDict
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,15 +18,15 @@ from numpy import ndarray
 
 import persid as ps
 from persid import plots
-from persid._files import Json
 from persid.identification.free_runs import free_run_score
 from persid.models.integration import lsoda_steps, passed
 from persid.reports.figures import Drawing
 from persid.reports.record import versions
+from persid.studies.cells import ScoreCell, errors
 from persid.studies.parts import Parts
-from persid.studies.tables import Study, Table, number, protocol
+from persid.studies.tables import Figures, Study, Table, number, protocol
 
-REVISION = 1  # raised with every change of what is computed: parts of other revisions are not reused
+REVISION = 2  # raised with every change of what is computed: parts of other revisions are not reused
 
 END, OMEGA = 2.0, np.pi / 2
 RIDGE = 1e-2  # the paper gives none; this one reproduces the order of its errors
@@ -39,6 +40,17 @@ COMBINATIONS = {
 PAPER = {"1": 0.0086, "2": 0.0067, "3": 0.0043, "4": 0.0021}
 READINGS = ("state", "place")
 STEPS = ("1", "pi/299")  # of space: as printed, and of the interval
+
+
+class Cell(TypedDict):
+    """What one combination does on one reading: errors by kind of score, the rank of the states, the unknowns."""
+
+    scores: dict[str, ScoreCell]
+    rank: int
+    columns: int
+
+
+Cells = Mapping[tuple[str, str], Mapping[str, Cell]]  # by reading and step, then by combination
 
 
 def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
@@ -87,20 +99,22 @@ def signal(t: float | ndarray) -> ndarray:
     return np.asarray(np.sin(t) + 0.5 * np.cos(2 * t))
 
 
-def _cell(parts: Parts, combination: str, reading: str, step: str, size: int) -> Json:
+def _cell(parts: Parts, combination: str, reading: str, step: str, size: int) -> Cell:
     """Return the scores of one combination on one reading of the paper."""
     parameters = {"functions": COMBINATIONS[combination], "ridge": RIDGE, "share": SHARE, "size": size}
     name = f"combination {combination}, f of the {reading}, step {step.replace('/', ' over ')}"
     return parts.part(name, parameters, partial(_compute, combination, reading, step, size))
 
 
-def _compute(combination: str, reading: str, step: str, size: int) -> Json:
+def _compute(combination: str, reading: str, step: str, size: int) -> Cell:
     data = heat(reading, step, size)
     cut = round(SHARE * size)
     whole, split = _fit(combination, data), _fit(combination, _part(data, slice(0, cut)))
     return {
-        "in sample": free_run_score(whole.model_, data, "paper").figures(),
-        "split": free_run_score(split.model_, _part(data, slice(cut - 1, size)), "paper").figures(),
+        "scores": {
+            "in sample": errors(free_run_score(whole.model_, data, "paper")),
+            "split": errors(free_run_score(split.model_, _part(data, slice(cut - 1, size)), "paper")),
+        },
         "rank": int(np.linalg.matrix_rank(data[0].x, tol=1e-6 * np.linalg.norm(data[0].x, 2))),
         "columns": size * len(COMBINATIONS[combination]) + 1 + (combination == "4"),
     }
@@ -124,7 +138,7 @@ def _fit(combination: str, data: ps.Trajectories) -> ps.PersidskiiIdentifier:
     ).fit(data)
 
 
-def _tables(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> tuple[Table, ...]:
+def _tables(cells: Cells) -> tuple[Table, ...]:
     columns = ("combination", "paper", *(f"f of the {r}, step {s}" for r, s in cells))
     tables = [
         Table(
@@ -132,7 +146,7 @@ def _tables(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> tuple[Table,
             f"Free-run RMSE, {kind}",
             columns,
             tuple(
-                (name, number(PAPER[name]), *(_error(column[name][kind]) for column in cells.values()))
+                (name, number(PAPER[name]), *(_error(column[name]["scores"][kind]) for column in cells.values()))
                 for name in COMBINATIONS
             ),
         )
@@ -146,22 +160,22 @@ def _tables(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> tuple[Table,
     return (*tables, Table("rank", facts, (columns[0], *columns[2:]), ranks))
 
 
-def _error(score: Json) -> str:
+def _error(score: ScoreCell) -> str:
     return "blows up" if score["blow_ups"] else number(score["rmse"])
 
 
-def _figures(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> dict[str, float | int | str | None]:
-    found: dict[str, float | int | str | None] = {}
+def _figures(cells: Cells) -> Figures:
+    found: Figures = {}
     for (reading, step), column in cells.items():
         for name, cell in column.items():
             for kind in ("in sample", "split"):
-                score = cell[kind]
+                score = cell["scores"][kind]
                 label = f"combination {name}, f of the {reading}, step {step}, {kind}: RMSE"
                 found[label] = None if score["blow_ups"] else score["rmse"]
     return found
 
 
-def _drawing(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> Drawing:
+def _drawing(cells: Cells) -> Drawing:
     figure = Figure(figsize=(9, 3.4 * -(-len(cells) // 2)), layout="constrained")
     for k, ((reading, step), column) in enumerate(cells.items()):
         ax = figure.add_subplot(-(-len(cells) // 2), min(2, len(cells)), k + 1)
@@ -180,8 +194,9 @@ def _drawing(cells: Mapping[tuple[str, str], Mapping[str, Json]]) -> Drawing:
     )
 
 
-def _errors(column: Mapping[str, Json], kind: str) -> Sequence[float]:
-    return [np.nan if column[name][kind]["blow_ups"] else column[name][kind]["rmse"] for name in COMBINATIONS]
+def _errors(column: Mapping[str, Cell], kind: str) -> Sequence[float]:
+    scores = [column[name]["scores"][kind] for name in COMBINATIONS]
+    return [np.nan if score["blow_ups"] else score["rmse"] for score in scores]
 
 
 REMARKS = (

@@ -8,18 +8,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from tqdm import tqdm
 
 from persid._files import Json, json_object, write_atomically
 from persid.models.model import PersidskiiModel
 from persid.reports.record import versions
+from persid.studies.cells import VerdictCell
 from persid.verdicts.summary import summarize
 from persid.verdicts.verdict import Reason, Undecided, Verdict
 
 BAR = "{bar:20} {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
 PARTS, PROOFS, MODELS = "parts", "proofs", "models"
+Cell = TypeVar("Cell", bound=Mapping[str, object])
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Parts:
         """Return what reports the lines of progress of one part."""
         return lambda line: self.say(f"{name}: {line}")
 
-    def part(self, name: str, parameters: Mapping[str, object], compute: Callable[[], Json]) -> Json:
+    def part(self, name: str, parameters: Mapping[str, object], compute: Callable[[], Cell]) -> Cell:
         """Return what `compute` returns, from the file of an earlier run where nothing has changed since.
 
         A result may list `files` below the folder; one that is missing makes the part be computed again.
@@ -69,7 +71,7 @@ class Parts:
             found = {"key": key, "seconds": time.perf_counter() - started, "result": result}
             write_atomically(path, json.dumps(found, allow_nan=False) + "\n")
         self.seconds[name] = found["seconds"]
-        kept: Json = found["result"]
+        kept: Cell = found["result"]
         return kept
 
     @property
@@ -77,7 +79,7 @@ class Parts:
         """Seconds that the parts asked for so far took, in the run that computed them."""
         return sum(self.seconds.values())
 
-    def verdict(self, name: str, model: PersidskiiModel, verdict: Verdict) -> Json:
+    def verdict(self, name: str, model: PersidskiiModel, verdict: Verdict) -> VerdictCell:
         """Write a model with the checked proof of its verdict; return the verdict in brief with the names of the files.
 
         Raises:
@@ -92,7 +94,11 @@ class Parts:
             files.append(f"{PROOFS}/{_file_name(name)}.json")
             proof.save(self.folder / files[1])
         why = verdict.reason.name if isinstance(verdict, Undecided) else getattr(proof, "kind", None)
-        return summarize(verdict).to_dict() | {"why": why, "files": files}
+        brief = summarize(verdict)
+        return {
+            "verdict": brief.verdict, "scope": brief.scope, "reason": brief.reason, "why": why,
+            "rate": brief.rate, "gain": brief.gain, "seconds": brief.seconds, "files": files,
+        }  # fmt: skip
 
     def _key(self, name: str, parameters: Mapping[str, object]) -> str:
         content = {"name": name, "parameters": parameters, **self.origin}

@@ -15,7 +15,6 @@ from jaxtyping import Float
 from numpy import ndarray
 
 import persid as ps
-from persid._files import Json
 from persid.reports.record import versions
 from persid.studies import power_pages as pages
 from persid.studies.nine_bus import DAMPING, LOADS, NORMAL, TO_PAIRS, Condition, Grid
@@ -34,10 +33,11 @@ from persid.studies.phasors import (
     ring_down,
     rms,
 )
+from persid.studies.power_cells import Edges, Fault, Fit, Found, FreeRuns, Load, Loads, Region, Step
 from persid.studies.tables import Study, protocol
 from persid.verdicts.verdict import Verdict
 
-REVISION = 1  # raised with every change of what is computed: parts of other revisions are not reused
+REVISION = 2  # raised with every change of what is computed: parts of other revisions are not reused
 GRID = Grid()
 RECORDED, FORETOLD = (5, 7, 9), (4, 6, 8)  # buses of short circuits in the fit, and of those that it has not seen
 AFTER = {"fit": 0.1, "new": 0.15}  # s, when they are cleared
@@ -59,20 +59,24 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     model = ps.PersidskiiModel.from_dict(fits[IDENTIFIED]["model"])
     fits[KNOWN] = parts.part(KNOWN, {"quick": quick}, lambda: _scored(GRID.model(), quick))
     buses = (7,) if quick else (*FORETOLD, *RECORDED)
-    faults = {IDENTIFIED: _clearing(parts, IDENTIFIED, model, buses, NORMAL, quick)}
+    regions = {IDENTIFIED: _clearing(parts, IDENTIFIED, model, buses, NORMAL, quick)}
     if not quick:
-        faults[KNOWN] = _clearing(parts, KNOWN, GRID.model(), buses, NORMAL, quick)
-        faults["line 5-7 opened"] = _clearing(parts, "line 5-7 opened", GRID.model(OPENED), (7,), OPENED, quick)
-    edges = {} if quick else _edges(parts, faults[IDENTIFIED])
-    loads = _loads(parts, model)
-    steps = {} if quick else parts.part("load steps", {"model": model.sha256}, partial(_steps, parts, model))
+        regions[KNOWN] = _clearing(parts, KNOWN, GRID.model(), buses, NORMAL, quick)
+        regions["line 5-7 opened"] = _clearing(parts, "line 5-7 opened", GRID.model(OPENED), (7,), OPENED, quick)
+    found = Found(
+        fits,
+        regions,
+        edges=None if quick else _edges(parts, regions[IDENTIFIED]),
+        loads=_loads(parts, model),
+        steps={} if quick else parts.part("load steps", {"model": model.sha256}, partial(_steps, parts, model)),
+    )
     return Study(
         name="power",
         title="Power: a grid of three machines, from synchrophasors to clearing times",
         protocol=protocol(__doc__),
-        tables=pages.tables(fits, faults, loads, steps),
-        drawings=pages.drawings(fits, faults, edges, steps),
-        figures=pages.figures(fits, faults, loads, steps),
+        tables=pages.tables(found),
+        drawings=pages.drawings(found),
+        figures=pages.figures(found),
         remarks=pages.REMARKS,
         seconds=parts.total,
         quick=quick,
@@ -94,42 +98,43 @@ def new_records(quick: bool) -> tuple[list[Record], list[Record]]:
     return steps, [ring_down(GRID, bus, AFTER["new"], 5.0) for bus in FORETOLD[: 1 if quick else None]]
 
 
-def _fit(parts: Parts, label: str, quick: bool) -> Json:
+def _fit(parts: Parts, label: str, quick: bool) -> Fit:
     """Return a model that was identified, with its scores on new records."""
 
-    def compute() -> Json:
+    def compute() -> Fit:
         steps, rings = records(quick)
         model = identify(steps if label == ALONE else [*steps, *rings], np.random.default_rng(3))
-        return {"model": model.to_dict(), **_scored(model, quick)}
+        return _scored(model, quick)
 
     return parts.part(label, {"quick": quick, "frames": FRAMES, "damping": DAMPING}, compute)
 
 
-def _scored(model: ps.PersidskiiModel, quick: bool) -> Json:
-    """Return the errors of free runs on new records; none where a run falls out of step or blows up."""
+def _scored(model: ps.PersidskiiModel, quick: bool) -> Fit:
+    """Return a model with its free runs on new records."""
     steps, rings = new_records(quick)
-    found: Json = {}
-    for kind, group in (("steps", steps), ("rings", rings)):
-        runs = [FreeRun.of(model, record) for record in group]
-        size = rms(np.vstack([(record.x - GRID.rest) @ TO_SHOWN.T for record in group]))
-        errors = rms(np.vstack([each.errors for each in runs]))
-        lost = errors[0] > 180.0 or any(len(each.x) < len(each.record.t) for each in runs)
-        found[kind] = {"errors": (None, None) if lost else errors, "size": size}
-        first = runs[0]
-        found[kind] |= {
-            "run": np.round(first.x @ TO_SHOWN.T, 4)[::2],
-            "true": np.round(first.record.x @ TO_SHOWN.T, 4)[::2],
-        }
-    return found
+    return {"model": model.to_dict(), "runs": {"steps": _free_runs(model, steps), "rings": _free_runs(model, rings)}}
+
+
+def _free_runs(model: ps.PersidskiiModel, records: Sequence[Record]) -> FreeRuns:
+    """Return the errors of free runs; none where one falls out of step or blows up."""
+    runs = [FreeRun.of(model, record) for record in records]
+    errors = rms(np.vstack([each.errors for each in runs]))
+    lost = errors[0] > 180.0 or any(len(each.x) < len(each.record.t) for each in runs)
+    return {
+        "errors": None if lost else list(errors),
+        "size": list(rms(np.vstack([(record.x - GRID.rest) @ TO_SHOWN.T for record in records]))),
+        "run": np.round(runs[0].x @ TO_SHOWN.T, 4)[::2].tolist(),
+        "true": np.round(records[0].x @ TO_SHOWN.T, 4)[::2].tolist(),
+    }
 
 
 def _clearing(
     parts: Parts, label: str, model: ps.PersidskiiModel, buses: Sequence[int], after: Condition, quick: bool
-) -> Json:
+) -> Region:
     """Return a certified region of a model of the grid after a fault, and the clearing times that follow."""
     name = f"region, {label}"
 
-    def compute() -> Json:
+    def compute() -> Region:
         between, rest = relative(model), GRID.rest[:4]
         domain = _box(rest, WIDE) if quick else "auto"
         verdict = ps.certify(
@@ -152,7 +157,7 @@ def _box(rest: Float[ndarray, " n"], angle: float) -> list[list[float]]:
     return [[float(x - side), float(x + side)] for x, side in zip(rest, sides, strict=True)]
 
 
-def _fault(certificate: ps.Certificate, bus: int, after: Condition) -> Json:
+def _fault(certificate: ps.Certificate, bus: int, after: Condition) -> Fault:
     """Return the critical clearing time by simulation and by a certificate, and the largest angles at these times."""
     critical = GRID.critical_clearing(bus, after)
     t = np.arange(0, critical + 5e-4, 1e-3)
@@ -163,8 +168,8 @@ def _fault(certificate: ps.Certificate, bus: int, after: Condition) -> Json:
         "critical": critical,
         "certified": None if inside is None else float(t[inside]),
         "angles": [None if k is None else float(angles[k]) for k in (len(t) - 1, inside)],
-        "keeps step": "yes" if inside is not None and GRID.keeps_step(x[inside], after) else "no",
-        "path": np.round(x[:, :2], 3),
+        "keeps_step": inside is not None and bool(GRID.keeps_step(x[inside], after)),
+        "path": np.round(x[:, :2], 3).tolist(),
     }
 
 
@@ -180,15 +185,15 @@ def _last_inside(certificate: ps.Certificate, x: Float[ndarray, "N 4"]) -> int |
     return None
 
 
-def _edges(parts: Parts, region: Json) -> Json:
+def _edges(parts: Parts, region: Region) -> Edges:
     """Return how far angles may be from rest, frequencies at 60 Hz: in a region, and in simulations of the grid."""
 
-    def compute() -> Json:
+    def compute() -> Edges:
         certificate = ps.load_certificate(parts.folder / region["verdict"]["files"][1])
         rays = [np.array([np.cos(turn), np.sin(turn), 0, 0, 0]) for turn in np.linspace(0, 2 * np.pi, RAYS)]
         proved = [_reach(lambda x: bool(certificate.V(x[None, :4])[0] <= certificate.level), ray, 0.5) for ray in rays]
         simulated = [_reach(GRID.keeps_step, ray, 5.0) for ray in rays]
-        return {"proved": np.round(proved, 2), "simulated": np.round(simulated, 2)}
+        return {"proved": np.round(proved, 2).tolist(), "simulated": np.round(simulated, 2).tolist()}
 
     return parts.part("edges", {"files": region["verdict"]["files"], "rays": RAYS}, compute)
 
@@ -206,11 +211,11 @@ def _shown(model: ps.PersidskiiModel) -> ps.OutputModel:
     return ps.OutputModel(model, TO_SHOWN, outputs=[f"{name} shown" for name in SHOWN])
 
 
-def _loads(parts: Parts, model: ps.PersidskiiModel) -> Json:
+def _loads(parts: Parts, model: ps.PersidskiiModel) -> Loads:
     """Return how much each load may vary, in whatever way, by the certificate; and what the worst variations do."""
     name = "loads that vary"
 
-    def compute() -> Json:
+    def compute() -> Loads:
         verdict = ps.certify(
             _shown(model), operating_point=GRID.rest, domain=_box(GRID.rest, NARROW), gains="each",
             time_limit=TIME_LIMIT, progress=parts.within(name),
@@ -218,14 +223,14 @@ def _loads(parts: Parts, model: ps.PersidskiiModel) -> Json:
         found = parts.verdict(name, model, verdict)
         certificate = _certificate(verdict)
         if certificate is None:
-            return {"verdict": found, "loads": {}}
+            return {"verdict": found, "proved": [], "loads": {}}
         proved = certificate.output_bound(certificate.operating_point, certificate.input_bound or 0.0, [EVER])[0]
         admitted = np.asarray(certificate.input_bounds).tolist()
-        loads = {
-            load: {"admitted": size, "seen": _swung(k, size)}
+        loads: dict[str, Load] = {
+            load: {"admitted": size, "seen": _swung(k, size).tolist()}
             for k, (load, size) in enumerate(zip(LOADS, admitted, strict=True))
         }
-        return {"verdict": found, "proved": proved, "loads": loads}
+        return {"verdict": found, "proved": proved.tolist(), "loads": loads}
 
     return parts.part(name, {"model": model.sha256, "limit": TIME_LIMIT}, compute)
 
@@ -245,7 +250,7 @@ def _swung(load: int, size: float) -> Float[ndarray, " 6"]:
     return peaks
 
 
-def _steps(parts: Parts, model: ps.PersidskiiModel) -> Json:
+def _steps(parts: Parts, model: ps.PersidskiiModel) -> dict[str, Step]:
     """Return for steps of every load whether the way to the new rest is certified, its bounds, and what happens."""
     found = {}
     for k, load in enumerate(LOADS):
@@ -255,7 +260,7 @@ def _steps(parts: Parts, model: ps.PersidskiiModel) -> Json:
     return found
 
 
-def _step(parts: Parts, name: str, model: ps.PersidskiiModel, load: int, share: float) -> Json:
+def _step(parts: Parts, name: str, model: ps.PersidskiiModel, load: int, share: float) -> Step:
     u = np.zeros(len(LOADS))
     u[load] = share * NOMINAL[load]
     start = ps.find_operating_point(model, near=GRID.rest)[0].x
@@ -270,12 +275,12 @@ def _step(parts: Parts, name: str, model: ps.PersidskiiModel, load: int, share: 
     shares[load] += share
     x = GRID.simulate(GRID.rest, t, Condition(tuple(shares.tolist())))
     away = (x - rest) @ TO_SHOWN.T
-    answer = {"verdict": kept, "seen": np.abs(away).max(axis=0), "away": np.round(away[::6], 4), "proved": None}
-    certificate = _certificate(verdict)
+    proved, certificate = None, _certificate(verdict)
     if certificate is not None:
         with suppress(ps.PersidError):  # the old rest is not in the region about the new one
-            answer["proved"] = certificate.output_bound(start, 0.0, t[::6])
-    return answer
+            proved = certificate.output_bound(start, 0.0, t[::6]).tolist()
+    seen = np.abs(away).max(axis=0)
+    return {"verdict": kept, "seen": seen.tolist(), "away": np.round(away[::6], 4).tolist(), "proved": proved}
 
 
 def _certificate(verdict: Verdict) -> ps.Certificate | None:

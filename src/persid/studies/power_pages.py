@@ -1,64 +1,60 @@
 """Tables, drawings and figures of the power study."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from persid import plots
-from persid._files import Json
 from persid.plots.style import tidy
 from persid.reports.figures import Drawing
-from persid.studies import tables as kept
 from persid.studies.phasors import FRAMES, NOMINAL, SHOWN
-from persid.studies.tables import Table
+from persid.studies.power_cells import Edges, Fault, Fit, Found, Load, Loads, Region, Step
+from persid.studies.tables import Figures, Table, number
 
-Cells = Mapping[str, Any]
 DRAWN = 20  # s of a free run
 KINDS = {"steps": "new load steps", "rings": "after new short circuits"}
-SIMULATED = "simulated"
 
 
-def tables(fits: Cells, faults: Cells, loads: Json, steps: Cells) -> tuple[Table, ...]:
+def tables(found: Found) -> tuple[Table, ...]:
     """Return all tables; that of load steps only where they were asked about."""
-    found = [
+    kept = [
         Table("free-runs", "Free runs on records that no fit has seen: error of angles and of frequencies (rms)",
-              ("model", *KINDS.values()), tuple(_run_rows(fits))),
+              ("model", *KINDS.values()), tuple(_run_rows(found.fits))),
         Table("clearing", "Short circuits: critical clearing time by simulation and by certificate, and the largest "
-              "angle between two machines at these times", ("bus, certificate of", SIMULATED, "certified", "share",
-              "angle, simulated", "angle, certified"), tuple(_fault_rows(faults))),
+              "angle between two machines at these times", ("bus, certificate of", "simulated", "certified", "share",
+              "angle, simulated", "angle, certified"), tuple(_fault_rows(found.regions))),
         Table("loads", "One load varies in whatever way: what the certificate admits, and the largest deviations in "
               "simulations in which it switches in time with the grid's own swings, with their proved bounds",
               ("load", "admitted", "angles: seen, proved", "frequencies: seen, proved"),
-              tuple(_load_rows(loads))),
+              tuple(_load_rows(found.loads))),
     ]  # fmt: skip
-    if steps:
-        found.append(
+    if found.steps:
+        kept.append(
             Table("steps", "One step of a load: largest deviations from the new rest, seen and proved",
                   ("step", "verdict", "angles: seen, proved", "frequencies: seen, proved"),
-                  tuple(_step_rows(steps)))
+                  tuple(_step_rows(found.steps)))
         )  # fmt: skip
-    return tuple(found)
+    return tuple(kept)
 
 
-def _run_rows(fits: Cells) -> Iterator[tuple[str, ...]]:
+def _run_rows(fits: Mapping[str, Fit]) -> Iterator[tuple[str, ...]]:
     first = next(iter(fits.values()))
-    yield ("how far all goes from rest", *(_pair(first[kind]["size"]) for kind in KINDS))
+    yield ("how far all goes from rest", *(_pair(first["runs"][kind]["size"]) for kind in KINDS))
     for label, fit in fits.items():
-        errors = (fit[kind]["errors"] for kind in KINDS)
-        yield (label, *("falls out of step" if pair[0] is None else _pair(pair) for pair in errors))
+        errors = (fit["runs"][kind]["errors"] for kind in KINDS)
+        yield (label, *("falls out of step" if pair is None else _pair(pair) for pair in errors))
 
 
 def _pair(errors: Sequence[float]) -> str:
     return f"{errors[0]:.3f}°, {errors[1]:.1f} mHz"
 
 
-def _fault_rows(faults: Cells) -> Iterator[tuple[str, ...]]:
-    for label, found in faults.items():
-        for bus, fault in sorted(found["faults"].items()):
-            angles = [kept.number(angle, 0) + "°" for angle in fault["angles"]]
-            times = [_milliseconds(fault[kind]) for kind in ("critical", "certified")]
+def _fault_rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
+    for label, region in regions.items():
+        for bus, fault in sorted(region["faults"].items()):
+            angles = [number(angle, 0) + "°" for angle in fault["angles"]]
+            times = [_milliseconds(seconds) for seconds in (fault["critical"], fault["certified"])]
             share = "—" if fault["certified"] is None else f"{fault['certified'] / fault['critical']:.0%}"
             yield (f"{bus}, {label}", *times, share, *angles)
 
@@ -67,13 +63,13 @@ def _milliseconds(seconds: float | None) -> str:
     return "—" if seconds is None else f"{1e3 * seconds:.0f} ms"
 
 
-def _load_rows(found: Json) -> Iterator[tuple[str, ...]]:
+def _load_rows(found: Loads) -> Iterator[tuple[str, ...]]:
     for k, (load, each) in enumerate(found["loads"].items()):
         admitted = f"±{each['admitted']:.1f} MW ({each['admitted'] / NOMINAL[k]:.0%})"
         yield (f"{load} ({NOMINAL[k]:.0f} MW)", admitted, *_seen_and_proved(each["seen"], found["proved"]))
 
 
-def _step_rows(steps: Cells) -> Iterator[tuple[str, ...]]:
+def _step_rows(steps: Mapping[str, Step]) -> Iterator[tuple[str, ...]]:
     for name, step in steps.items():
         proved = None if step["proved"] is None else step["proved"][0]
         yield (name, step["verdict"]["verdict"], *_seen_and_proved(step["seen"], proved))
@@ -85,47 +81,53 @@ def _seen_and_proved(seen: Sequence[float], proved: Sequence[float] | None) -> I
         yield ", ".join("—" if v is None else f"{max(v[part]):.{digits}f}{unit}" for v in (seen, proved))
 
 
-def figures(fits: Cells, faults: Cells, loads: Json, steps: Cells) -> dict[str, float | int | str | None]:
+def figures(found: Found) -> Figures:
     """Return every number and verdict by name."""
-    found: dict[str, float | int | str | None] = {}
-    for label, fit in fits.items():
+    figures: Figures = {}
+    for label, fit in found.fits.items():
         for kind, words in KINDS.items():
-            angle, frequency = fit[kind]["errors"]
-            found |= {f"{label}, {words}: degrees": angle, f"{label}, {words}: mHz": frequency}
-    for label, region in faults.items():
-        found[f"{label}: verdict"] = region["verdict"]["verdict"]
+            angle, frequency = fit["runs"][kind]["errors"] or (None, None)
+            figures |= {f"{label}, {words}: degrees": angle, f"{label}, {words}: mHz": frequency}
+    for label, region in found.regions.items():
+        figures[f"{label}: verdict"] = region["verdict"]["verdict"]
         for bus, fault in region["faults"].items():
-            name = f"{label}, short circuit at bus {bus}"
-            found |= {f"{name}: simulated, s": fault["critical"], f"{name}: certified, s": fault["certified"]}
-            found[f"{name}: keeps step when so cleared"] = fault["keeps step"]
-    found["loads that vary: verdict"] = loads["verdict"]["verdict"]
-    for load, each in loads["loads"].items():
-        found[f"load {load}: admitted, MW"] = each["admitted"]
-        found[f"load {load}: largest share of a proved bound"] = _share(each["seen"], loads["proved"])
-    for name, step in steps.items():
-        found[f"{name}: verdict"] = step["verdict"]["verdict"]
-        found[f"{name}: largest share of a proved bound"] = step["proved"] and _share(step["seen"], step["proved"][0])
-    return found
+            figures |= _fault_figures(f"{label}, short circuit at bus {bus}", fault)
+    figures["loads that vary: verdict"] = found.loads["verdict"]["verdict"]
+    for load, each in found.loads["loads"].items():
+        figures[f"load {load}: admitted, MW"] = each["admitted"]
+        figures[f"load {load}: largest share of a proved bound"] = _share(each, found.loads["proved"])
+    for name, step in found.steps.items():
+        share = _share(step, step["proved"][0]) if step["proved"] else None
+        figures |= {f"{name}: verdict": step["verdict"]["verdict"], f"{name}: largest share of a proved bound": share}
+    return figures
 
 
-def _share(seen: Sequence[float], proved: Sequence[float]) -> float:
-    return float(np.max(np.array(seen) / np.array(proved)))
+def _fault_figures(name: str, fault: Fault) -> Figures:
+    return {
+        f"{name}: simulated, s": fault["critical"],
+        f"{name}: certified, s": fault["certified"],
+        f"{name}: keeps step when so cleared": "yes" if fault["keeps_step"] else "no",
+    }
 
 
-def drawings(fits: Cells, faults: Cells, edges: Json, steps: Cells) -> tuple[Drawing, ...]:
+def _share(seen: Load | Step, proved: Sequence[float]) -> float:
+    return float(np.max(np.array(seen["seen"]) / np.array(proved)))
+
+
+def drawings(found: Found) -> tuple[Drawing, ...]:
     """Return all drawings that there is something for."""
-    found, region = [_free_runs(next(iter(fits.values())))], next(iter(faults.values()))
-    if edges:
-        found.append(_regions(region, edges))
-    if any(each["faults"] for each in faults.values()):
-        found.append(_clearing_times(faults))
+    drawn, steps = [_free_runs(next(iter(found.fits.values())))], found.steps
+    if found.edges is not None:
+        drawn.append(_regions(next(iter(found.regions.values())), found.edges))
+    if any(each["faults"] for each in found.regions.values()):
+        drawn.append(_clearing_times(found.regions))
     name = max(steps, key=lambda step: float(max(steps[step]["seen"][:3])), default=None)
     if name is not None and steps[name]["proved"] is not None:
-        found.append(_ways(name, steps[name]))
-    return tuple(found)
+        drawn.append(_ways(name, steps[name]))
+    return tuple(drawn)
 
 
-def _free_runs(fit: Json) -> Drawing:
+def _free_runs(fit: Fit) -> Drawing:
     return Drawing(
         "free-run",
         _free_run(fit),
@@ -135,7 +137,7 @@ def _free_runs(fit: Json) -> Drawing:
     )
 
 
-def _regions(region: Json, edges: Json) -> Drawing:
+def _regions(region: Region, edges: Edges) -> Drawing:
     return Drawing(
         "region",
         _region(region, edges),
@@ -146,16 +148,16 @@ def _regions(region: Json, edges: Json) -> Drawing:
     )
 
 
-def _clearing_times(faults: Cells) -> Drawing:
+def _clearing_times(regions: Mapping[str, Region]) -> Drawing:
     return Drawing(
         "clearing",
-        _clearing(faults),
+        _clearing(regions),
         "Bars of clearing times, certified and simulated, for each bus",
         "Clearing times: what the certificate admits, and what simulations of the grid admit.",
     )
 
 
-def _ways(name: str, step: Json) -> Drawing:
+def _ways(name: str, step: Step) -> Drawing:
     return Drawing(
         "step",
         _step(step),
@@ -164,10 +166,10 @@ def _ways(name: str, step: Json) -> Drawing:
     )
 
 
-def _free_run(fit: Json) -> Figure:
+def _free_run(fit: Fit) -> Figure:
     figure = Figure(figsize=(8, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    true, run = (np.array(fit["steps"][name])[: DRAWN * FRAMES // 2] for name in ("true", "run"))
+    true, run = (np.array(fit["runs"]["steps"][name])[: DRAWN * FRAMES // 2] for name in ("true", "run"))
     for ax, k, label in zip(axes, (0, 3), ("d21 in degrees", "f1 in Hz from 60"), strict=True):
         for curve, color, style, name in ((true, plots.MEASURED, "-", "grid"), (run, plots.MODEL, "--", "model")):
             ax.plot(2 * np.arange(len(curve)) / FRAMES, curve[:, k], color=color, ls=style, lw=1.2, label=name)
@@ -177,12 +179,12 @@ def _free_run(fit: Json) -> Figure:
     return _tidy(figure)
 
 
-def _region(region: Json, edges: Json) -> Figure:
+def _region(region: Region, edges: Edges) -> Figure:
     figure = Figure(figsize=(6.4, 5.4), layout="constrained")
     ax = figure.add_subplot()
-    for kind, color, label in (("simulated", plots.FIELD, "keeps step in simulations"),
-                               ("proved", plots.LEVEL, "certified")):  # fmt: skip
-        edge = np.array(edges[kind])
+    for angles, color, label in ((edges["simulated"], plots.FIELD, "keeps step in simulations"),
+                                 (edges["proved"], plots.LEVEL, "certified")):  # fmt: skip
+        edge = np.array(angles)
         ax.fill(edge[:, 0], edge[:, 1], facecolor=color, alpha=0.18, edgecolor=color, lw=1.6, label=label)
     for bus, fault in sorted(region["faults"].items()):
         path, steps = np.array(fault["path"]), round(1e3 * (fault["certified"] or 0.0))
@@ -194,15 +196,15 @@ def _region(region: Json, edges: Json) -> Figure:
     return _tidy(figure)
 
 
-def _clearing(faults: Cells) -> Figure:
+def _clearing(regions: Mapping[str, Region]) -> Figure:
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     ax = figure.add_subplot()
-    rows = [(f"{bus}" if label == next(iter(faults)) else f"{bus},\n{label}", fault)
-            for label, found in faults.items() if label != "equations known"
-            for bus, fault in sorted(found["faults"].items())]  # fmt: skip
-    for k, (kind, color) in enumerate((("critical", plots.FIELD), ("certified", plots.LEVEL))):
-        heights = [1e3 * (fault[kind] or 0.0) for _, fault in rows]
-        bars = ax.bar(np.arange(len(rows)) + 0.4 * k - 0.2, heights, 0.38, color=color,
+    rows = [(f"{bus}" if label == next(iter(regions)) else f"{bus},\n{label}", fault)
+            for label, region in regions.items() if label != "equations known"
+            for bus, fault in sorted(region["faults"].items())]  # fmt: skip
+    simulated, certified = ([fault["critical"] for _, fault in rows], [fault["certified"] or 0.0 for _, fault in rows])
+    for k, (times, color) in enumerate(((simulated, plots.FIELD), (certified, plots.LEVEL))):
+        bars = ax.bar(np.arange(len(rows)) + 0.4 * k - 0.2, 1e3 * np.array(times), 0.38, color=color,
                       label=("simulated", "certified")[k])  # fmt: skip
         ax.bar_label(bars, fmt="%.0f", fontsize="small")
     ax.set_xticks(range(len(rows)), [label for label, _ in rows])
@@ -211,7 +213,7 @@ def _clearing(faults: Cells) -> Figure:
     return _tidy(figure)
 
 
-def _step(step: Json) -> Figure:
+def _step(step: Step) -> Figure:
     figure = Figure(figsize=(8, 3.4), layout="constrained")
     axes = figure.subplots(1, 2)
     away, proved = np.array(step["away"]), np.array(step["proved"])

@@ -7,6 +7,7 @@ from persid._files import Json
 from persid.reports.figures import Drawing
 
 Figure = float | int | str | None
+Figures = dict[str, Figure]
 
 
 @dataclass(frozen=True)

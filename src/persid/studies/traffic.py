@@ -7,8 +7,9 @@ against the disturbed data; runs from near and far starts are scored against the
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,13 +20,13 @@ from scipy.integrate import solve_ivp
 
 import persid as ps
 from persid import plots
-from persid._files import Json
 from persid.certified_fits.identifier import CertifiedIdentifier
 from persid.identification.free_runs import free_run_score
 from persid.reports.figures import Drawing
 from persid.reports.record import versions
+from persid.studies.cells import Refused, Rows, ScoreCell, VerdictCell, errors
 from persid.studies.parts import Parts
-from persid.studies.tables import Study, Table, number, protocol
+from persid.studies.tables import Figures, Study, Table, number, protocol
 
 A = np.array([[-0.1, 0.05], [0.05, -0.15]])
 B = np.array([0.5, 0.3])
@@ -46,11 +47,11 @@ SMOOTH: dict[str, Callable[[float], ndarray]] = {
 PAPER = {"d1": "0.0489 / 0.9954", "d2": "0.0059 / 0.9999", "d3": "0.0419 / 0.9966", "d4": "—"}
 PAPER_VERDICTS = {"d1": "ISS", "d2": "ISS", "d3": "ISS", "d4": "not verified"}
 
-REVISION = 1  # raised with every change of what is computed: parts of other revisions are not reused
+REVISION = 2  # raised with every change of what is computed: parts of other revisions are not reused
 
 PLAIN = {"x_ref": 0.0, "scale": 1.0}  # the functions of x itself, as in the paper
 LITERAL, COORDINATES, DEFAULT = "EDMD + log, literal Γ", "EDMD + log, coordinates", "default"
-ESTIMATORS: dict[str, Json] = {
+ESTIMATORS: dict[str, dict[str, Any]] = {  # keywords of an identifier
     LITERAL: PLAIN | {"method": "edmd", "gamma": "literal"},
     COORDINATES: PLAIN | {"method": "edmd"},
     "least squares on derivatives": PLAIN | {"method": "derivative", "ridge": 0.0},
@@ -65,6 +66,37 @@ STRENGTHS = (1e-5, 1e-3, 0.005, 0.02, 0.05, 0.2, 0.5)
 QUICK = (COORDINATES, "weak form, ridge 1e-05", "weak form, ridge 0.02", DEFAULT)
 
 
+class Cell(TypedDict):
+    """What one estimator does under one disturbance: errors on the data and from other starts, the run, the verdict."""
+
+    on_data: ScoreCell
+    near: ScoreCell
+    far: ScoreCell
+    run: Rows
+    verdict: VerdictCell
+
+
+class Truth(TypedDict):
+    """Verdicts on the true right-hand side, by scope, and its equilibria."""
+
+    verdicts: dict[str, VerdictCell]
+    equilibria: Rows
+
+
+Tried = Cell | Refused  # refused: the Koopman matrix has no real logarithm
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that the study computes: cells by estimator and disturbance, the path of the ridge, the true system."""
+
+    names: Sequence[str]
+    cells: Mapping[str, Mapping[str, Tried]]
+    strengths: Sequence[float]
+    path: Mapping[str, Sequence[Cell]]
+    truth: Truth
+
+
 def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     """Run the study. With `quick`: d1 and d4, four estimators, two strengths, nothing fitted under the certificate.
 
@@ -74,20 +106,21 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     estimators = {label: ESTIMATORS[label] for label in (QUICK if quick else ESTIMATORS)}
     strengths = (1e-5, 0.02) if quick else STRENGTHS
     parts = parts.of(len(_asked(names, estimators, strengths)) + (1 if quick else 1 + len(names)))
-    cells = {
+    cells: dict[str, dict[str, Tried]] = {
         label: {name: _cell(parts, label, options, name) for name in names} for label, options in estimators.items()
     }
     if not quick:
         cells[UNDER] = {name: _under_the_certificate(parts, name) for name in names}
-    path = {name: [_cell(parts, _ridge(r), PLAIN | {"ridge": r}, name) for r in strengths] for name in names}
+    path = {name: [_weak(parts, r, name) for r in strengths] for name in names}
     truth = parts.part("true system", {"region": REGION, "limit": TIME_LIMIT}, partial(_truth_verdicts, parts))
+    found = Found(names, cells, strengths, path, truth)
     return Study(
         name="traffic",
         title="Traffic: one system under four disturbances",
         protocol=protocol(__doc__),
-        tables=_tables(names, cells, strengths, path, truth),
-        drawings=_drawings(names, cells, strengths, path),
-        figures=_figures(cells, path, strengths, truth),
+        tables=_tables(found),
+        drawings=_drawings(found),
+        figures=_figures(found),
         remarks=REMARKS,
         seconds=parts.total,
         quick=quick,
@@ -140,13 +173,18 @@ def undisturbed(starts: tuple[tuple[float, float], ...]) -> ps.Trajectories:
     return ps.Trajectories.from_arrays(runs, [np.sin(T)] * len(runs), t=[T] * len(runs))
 
 
-def _cell(parts: Parts, label: str, options: Json, name: str) -> Json:
+def _cell(parts: Parts, label: str, options: Mapping[str, Any], name: str) -> Tried:
     """Return scores, run and verdict of one estimator under one disturbance."""
     parameters = {"options": dict(options), "limit": TIME_LIMIT}
     return parts.part(f"{label}, {name}", parameters, partial(_compute, parts, label, options, name))
 
 
-def _compute(parts: Parts, label: str, options: Json, name: str) -> Json:
+def _weak(parts: Parts, strength: float, name: str) -> Cell:
+    """Return a cell of the weak form, which takes no logarithm that could be refused."""
+    return cast("Cell", _cell(parts, _ridge(strength), PLAIN | {"ridge": strength}, name))
+
+
+def _compute(parts: Parts, label: str, options: Mapping[str, Any], name: str) -> Tried:
     data = disturbed(name)
     try:
         fit = ps.PersidskiiIdentifier(**options).fit(data)
@@ -154,65 +192,59 @@ def _compute(parts: Parts, label: str, options: Json, name: str) -> Json:
         return {"refused": str(error)}
     part = f"{label}, {name}"
     verdict = ps.certify(fit.model_, time_limit=TIME_LIMIT, progress=parts.within(part))
-    return _scored(fit.model_, data) | {"verdict": parts.verdict(part, fit.model_, verdict)}
+    return _scored(fit.model_, data, parts.verdict(part, fit.model_, verdict))
 
 
-def _under_the_certificate(parts: Parts, name: str) -> Json:
+def _under_the_certificate(parts: Parts, name: str) -> Cell:
     """Return scores, run and verdict of the best certified model under one disturbance."""
 
-    def compute() -> Json:
+    def compute() -> Cell:
         data = disturbed(name)
         free = ps.PersidskiiIdentifier(**ESTIMATORS[DEFAULT])
         fit = CertifiedIdentifier(free, time_limit=FIT_LIMIT, progress=parts.within(f"{UNDER}, {name}")).fit(data)
-        return _scored(fit.model_, data) | {"verdict": parts.verdict(f"{UNDER}, {name}", fit.model_, fit.verdict_)}
+        return _scored(fit.model_, data, parts.verdict(f"{UNDER}, {name}", fit.model_, fit.verdict_))
 
     return parts.part(f"{UNDER}, {name}", {"limit": FIT_LIMIT}, compute)
 
 
-def _scored(model: ps.PersidskiiModel, data: ps.Trajectories) -> Json:
-    """Return the scores on the data, from near and from far starts, and the free run itself."""
-    on_data = free_run_score(model, data)
-    near, far = (free_run_score(model, undisturbed(tuple(starts))) for starts in (NEAR, FAR))
+def _scored(model: ps.PersidskiiModel, data: ps.Trajectories, verdict: VerdictCell) -> Cell:
+    """Return the scores on the data, from near and from far starts, the free run itself, and the verdict."""
     return {
-        "rmse": on_data.rmse,
-        "r2": on_data.r2,
-        "r2_states": on_data.r2_states,
-        "blow_ups": on_data.blow_ups,
-        "near": {"rmse": near.rmse, "blow_ups": near.blow_ups},
-        "far": {"rmse": far.rmse, "blow_ups": far.blow_ups},
-        "run": np.round(model.simulate(START, T, data[0].u)[0].x, 5),
+        "on_data": errors(free_run_score(model, data)),
+        "near": errors(free_run_score(model, undisturbed(tuple(NEAR)))),
+        "far": errors(free_run_score(model, undisturbed(tuple(FAR)))),
+        "run": np.round(model.simulate(START, T, data[0].u)[0].x, 5).tolist(),
+        "verdict": verdict,
     }
 
 
-def _truth_verdicts(parts: Parts) -> Json:
+def _truth_verdicts(parts: Parts) -> Truth:
     """Ask about the true right-hand side: on all of the plane, and in a box about one of its equilibria."""
     model, say = true_model(), parts.within("true system")
     everywhere = ps.certify(model, time_limit=TIME_LIMIT, progress=say)
     region = ps.certify(model, operating_point=REST, domain=REGION, time_limit=TIME_LIMIT, progress=say)
     return {
-        "global": parts.verdict("true system, global", model, everywhere),
-        "regional": parts.verdict("true system, regional", model, region),
-        "equilibria": [point.x for point in ps.find_operating_point(model)],
+        "verdicts": {
+            "global": parts.verdict("true system, global", model, everywhere),
+            "regional": parts.verdict("true system, regional", model, region),
+        },
+        "equilibria": [point.x.tolist() for point in ps.find_operating_point(model)],
     }
 
 
-def _tables(
-    names: Sequence[str],
-    cells: Mapping[str, Mapping[str, Json]],
-    strengths: Sequence[float],
-    path: Mapping[str, Sequence[Json]],
-    truth: Json,
-) -> tuple[Table, ...]:
-    def rows(show: Callable[[Json], str]) -> tuple[tuple[str, ...], ...]:
-        return tuple((label, *(show(row[name]) for name in names)) for label, row in cells.items())
+def _tables(found: Found) -> tuple[Table, ...]:
+    names = found.names
+
+    def rows(show: Callable[[Tried], str]) -> tuple[tuple[str, ...], ...]:
+        return tuple((label, *(show(row[name]) for name in names)) for label, row in found.cells.items())
 
     errors = (("paper", *(PAPER[name] for name in names)), *rows(_errors))
     verdicts = (("paper", *(PAPER_VERDICTS[name] for name in names)), *rows(_verdict))
     ridge = tuple(
-        (f"{r:g}", *(f"{_errors(path[name][k], short=True)}, {_verdict(path[name][k])}" for name in names))
-        for k, r in enumerate(strengths)
+        (f"{r:g}", *(f"{_short(column[k]['on_data'])}, {_verdict(column[k])}" for column in found.path.values()))
+        for k, r in enumerate(found.strengths)
     )
-    true = tuple((scope, _words(truth[scope]), truth[scope]["reason"] or "") for scope in ("global", "regional"))
+    true = tuple((scope, _words(v), v["reason"] or "") for scope, v in found.truth["verdicts"].items())
     return (
         Table("errors", "Free-run RMSE on the data / pooled R2 / mean R2 of the states", ("estimator", *names), errors),
         Table("starts", f"{len(NEAR)} near and {len(FAR)} far starts: RMSE against the true system, or blow-ups",
@@ -223,85 +255,80 @@ def _tables(
     )  # fmt: skip
 
 
-def _errors(cell: Json, short: bool = False) -> str:
+def _errors(cell: Tried) -> str:
     if "refused" in cell:
         return "no logarithm"
-    if cell["blow_ups"]:
-        return "blows up"
-    mean = float(np.mean(cell["r2_states"]))
-    return number(cell["rmse"]) if short else f"{number(cell['rmse'])} / {cell['r2']:.4f} / {mean:.3f}"
+    score = cell["on_data"]
+    return "blows up" if score["blow_ups"] else f"{number(score['rmse'])} / {score['r2']:.4f} / {score['r2_mean']:.3f}"
 
 
-def _starts(cell: Json) -> str:
+def _short(score: ScoreCell) -> str:
+    return "blows up" if score["blow_ups"] else number(score["rmse"])
+
+
+def _starts(cell: Tried) -> str:
     if "refused" in cell:
         return "—"
-    return "; ".join(_ensemble(cell[kind], count) for kind, count in (("near", len(NEAR)), ("far", len(FAR))))
+    return f"{_ensemble(cell['near'], len(NEAR))}; {_ensemble(cell['far'], len(FAR))}"
 
 
-def _ensemble(score: Json, count: int) -> str:
+def _ensemble(score: ScoreCell, count: int) -> str:
     return f"{score['blow_ups']} of {count} blow up" if score["blow_ups"] else number(score["rmse"], 3)
 
 
-def _verdict(cell: Json) -> str:
+def _verdict(cell: Tried) -> str:
     return "—" if "refused" in cell else _words(cell["verdict"])
 
 
-def _words(verdict: Json) -> str:
+def _words(verdict: VerdictCell) -> str:
     """Return a verdict as words: its claim, or why there is none."""
     if verdict["verdict"] != "certified":
-        return f"{verdict['verdict']} ({verdict['why'].lower().replace('_', ' ').replace('-', ' ')})"
+        return f"{verdict['verdict']} ({str(verdict['why']).lower().replace('_', ' ').replace('-', ' ')})"
     return _kind(verdict) + (f", gain {verdict['gain']:.3g}" if verdict["gain"] else "")
 
 
-def _kind(verdict: Json) -> str:
+def _kind(verdict: VerdictCell) -> str:
     return str(verdict["verdict"] + (" regionally" if verdict["scope"] == "regional" else ""))
 
 
-def _figures(
-    cells: Mapping[str, Mapping[str, Json]], path: Mapping[str, Sequence[Json]], strengths: Sequence[float], truth: Json
-) -> dict[str, float | int | str | None]:
+def _figures(found: Found) -> Figures:
     """Return every number and verdict by name."""
-    found: dict[str, float | int | str | None] = {}
-    for label, row in cells.items():
-        for name, cell in row.items():
-            found |= _cell_figures(f"{label}, {name}", cell)
-    for name, column in path.items():
-        for r, cell in zip(strengths, column, strict=True):
-            found |= _cell_figures(f"{_ridge(r)}, {name}", cell)
-    return found | {f"true system, {scope}": _kind(truth[scope]) for scope in ("global", "regional")}
+    figures: Figures = {}
+    for label, row in found.cells.items():
+        for name, tried in row.items():
+            figures |= _cell_figures(f"{label}, {name}", tried)
+    for name, column in found.path.items():
+        for r, cell in zip(found.strengths, column, strict=True):
+            figures |= _cell_figures(f"{_ridge(r)}, {name}", cell)
+    return figures | {f"true system, {scope}": _kind(v) for scope, v in found.truth["verdicts"].items()}
 
 
-def _cell_figures(label: str, cell: Json) -> dict[str, float | int | str | None]:
+def _cell_figures(label: str, cell: Tried) -> Figures:
     if "refused" in cell:
         return {f"{label}: verdict": "refused"}
-    calm = not cell["blow_ups"]
+    score = cell["on_data"]
     return {
-        f"{label}: RMSE": cell["rmse"] if calm else None,
+        f"{label}: RMSE": None if score["blow_ups"] else score["rmse"],
         f"{label}: blow-ups from far": cell["far"]["blow_ups"],
         f"{label}: verdict": _kind(cell["verdict"]),
     }
 
 
-def _drawings(
-    names: Sequence[str],
-    cells: Mapping[str, Mapping[str, Json]],
-    strengths: Sequence[float],
-    path: Mapping[str, Sequence[Json]],
-) -> tuple[Drawing, ...]:
+def _drawings(found: Found) -> tuple[Drawing, ...]:
     return (
         Drawing(
-            "figure-1", _trajectories(names, cells[DEFAULT]),
+            "figure-1", _trajectories(found.cells[DEFAULT]),
             "True and identified trajectories over time in the plane of the states, one panel a disturbance",
             "The paper's Figure 1: true trajectories (blue, solid) and those of the model identified by default (red, "
             "dashed) in (x1, x2, t).",
         ),
         Drawing(
-            "figure-1-paper-method", _trajectories(names, cells[COORDINATES]),
+            "figure-1-paper-method", _trajectories(found.cells[COORDINATES]),
             "True and identified trajectories over time in the plane of the states, one panel a disturbance",
             "The same by the paper's method, EDMD and the matrix logarithm; a run that blows up is cut off.",
         ),
         Drawing(
-            "ridge-path", _ridge_path(strengths, path),
+            "ridge-path", _ridge_path(found.strengths, found.path),
             "Free-run error against the strength of the ridge, with the verdict at each strength",
             "Error and verdict against the strength of the ridge. Whether d1 to d3 are certified and d4 is not is a "
             "matter of the strength, not of the system.",
@@ -309,11 +336,12 @@ def _drawings(
     )  # fmt: skip
 
 
-def _trajectories(names: Sequence[str], row: Mapping[str, Json]) -> Figure:
-    figure = Figure(figsize=(9, 4.2 * -(-len(names) // 2)), layout="constrained")
-    for k, name in enumerate(names):
-        ax: Any = figure.add_subplot(-(-len(names) // 2), 2, k + 1, projection="3d")
-        true, found = disturbed(name)[0].x, np.array(row[name]["run"])
+def _trajectories(row: Mapping[str, Tried]) -> Figure:
+    figure = Figure(figsize=(9, 4.2 * -(-len(row) // 2)), layout="constrained")
+    runs = {name: np.array(cell["run"]) for name, cell in row.items() if "refused" not in cell}
+    for k, (name, found) in enumerate(runs.items()):
+        ax: Any = figure.add_subplot(-(-len(row) // 2), 2, k + 1, projection="3d")
+        true = disturbed(name)[0].x
         centre, width = (true.min(axis=0) + true.max(axis=0)) / 2, true.max(axis=0) - true.min(axis=0)
         near = (np.abs(found - centre) < 1.5 * width).all(axis=1)
         last = len(found) if near.all() else int(np.argmin(near))
@@ -335,17 +363,18 @@ MARKS: dict[str, tuple[str, Literal["full", "bottom", "none"]]] = {
 }
 
 
-def _ridge_path(strengths: Sequence[float], path: Mapping[str, Sequence[Json]]) -> Figure:
+def _ridge_path(strengths: Sequence[float], path: Mapping[str, Sequence[Cell]]) -> Figure:
     figure = Figure(figsize=(7.5, 4.4), layout="constrained")
     ax = figure.add_subplot()
     colors = dict(zip(DISTURBANCES, (plots.MEASURED, plots.LEVEL, plots.FORM, plots.MODEL), strict=True))
-    top = 3 * max(cell["rmse"] for column in path.values() for cell in column if not cell["blow_ups"])
+    scores = {name: [cell["on_data"] for cell in column] for name, column in path.items()}
+    top = 3 * max(score["rmse"] for column in scores.values() for score in column if not score["blow_ups"])
     for name, column in path.items():
-        errors = [top if cell["blow_ups"] else cell["rmse"] for cell in column]
-        ax.loglog(strengths, errors, color=colors[name], lw=1.2, label=name)
-        for r, error, cell in zip(strengths, errors, column, strict=True):
+        heights = [top if score["blow_ups"] else score["rmse"] for score in scores[name]]
+        ax.loglog(strengths, heights, color=colors[name], lw=1.2, label=name)
+        for r, height, cell in zip(strengths, heights, column, strict=True):
             marker, fill = MARKS[_kind(cell["verdict"])]
-            ax.plot(r, error, marker=marker, fillstyle=fill, ms=7, color=colors[name], ls="none")
+            ax.plot(r, height, marker=marker, fillstyle=fill, ms=7, color=colors[name], ls="none")
     ax.axhline(top, color=plots.FIELD, lw=0.8, ls=":")
     ax.annotate("blows up", (strengths[-1], top), ha="right", va="bottom", color=plots.FIELD)
     ax.set(xlabel="ridge (relative to scaled columns)", ylabel="free-run RMSE")

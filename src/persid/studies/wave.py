@@ -13,6 +13,7 @@ import tracemalloc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, partial
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,16 +21,16 @@ from numpy import ndarray
 
 import persid as ps
 from persid import plots
-from persid._files import Json
 from persid.identification.baselines import OneStepRegressor
 from persid.identification.free_runs import Score, free_run_score, one_step, score
 from persid.models.steps import runge_kutta
 from persid.reports.figures import Drawing
 from persid.reports.record import versions
+from persid.studies.cells import Rows, ScoreCell, VerdictCell, errors
 from persid.studies.parts import Parts
-from persid.studies.tables import Study, Table, number, protocol, spread
+from persid.studies.tables import Figures, Study, Table, number, protocol, spread
 
-REVISION = 2  # raised with every change of what is computed: parts of other revisions are not reused
+REVISION = 3  # raised with every change of what is computed: parts of other revisions are not reused
 
 DT, STEPS, SUBSTEPS = 0.03, 100, 20
 SEEDS = 5
@@ -38,7 +39,17 @@ PLAIN = ("x", "x**3", "sinh(x)", "tanh(x)")
 TRANSLATED = ("x", "x**3", "tanh(x)", "tanh(x - 1)", "tanh(x + 1)", "tanh(x - 2)", "tanh(x + 2)")
 Fitted = ps.PersidskiiIdentifier | OneStepRegressor
 RIDGES = {"gps": (1e-4, 1e-2, 0.1), "one step": (1e-2, 1.0, 100.0, 1e4), "poly": (100.0, 1e4)}
-GPS: dict[str, Json] = {
+
+
+class Options(TypedDict):
+    """How a model is identified: its functions; whether neighbours alone count, with coefficients that all share."""
+
+    functions: Sequence[str]
+    stencil: NotRequired[bool]
+    shared: NotRequired[bool]
+
+
+GPS: dict[str, Options] = {
     "GPS, full": {"functions": PLAIN},
     "GPS, stencil": {"functions": PLAIN, "stencil": True},
     "GPS, shared stencil": {"functions": PLAIN, "stencil": True, "shared": True},
@@ -65,24 +76,59 @@ class Size:
     held_out: int = 10
 
 
+class Cell(TypedDict):
+    """What one model does for one seed: errors by kind of run, the ridge, seconds of a fit, the paper's run."""
+
+    scores: dict[str, ScoreCell]
+    ridge: float
+    seconds: float
+    run: Rows
+
+
+class OneRun(TypedDict):
+    """Errors on the paper's run of a fit to that run alone: of the free run, and one step ahead."""
+
+    free: ScoreCell
+    one_step: float | None
+
+
+class Cost(TypedDict):
+    """Seconds of the processor and largest new memory of a fit."""
+
+    seconds: float
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that the study computes, by model; no verdicts and no costs where it is quick."""
+
+    cells: Mapping[str, Sequence[Cell]]
+    single: Mapping[str, OneRun]
+    verdicts: Mapping[str, VerdictCell]
+    costs: Mapping[str, Cost]
+
+
 def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     """Run the study. With `quick`: 30 points, 12 runs, one seed, four models, no verdict."""
     size = Size(30, 12, 2, 3) if quick else Size()
     models = [label for label in (*GPS, *BASELINES) if label in QUICK or not quick]
     count = seeds or (1 if quick else SEEDS)
     parts = parts.of(len(models) * (count + 1) + (0 if quick else len(GPS) + len(models)))
-    found = {(label, seed): _cell(parts, label, size, seed) for seed in range(count) for label in models}
-    cells = {label: [found[label, seed] for seed in range(count)] for label in models}
-    single = {label: _single(parts, label, size) for label in models}
-    verdicts = {} if quick else {label: _verdict(parts, label, size) for label in GPS}
-    costs = {} if quick else {label: _cost(parts, label, size) for label in models}
+    cells = {(label, seed): _cell(parts, label, size, seed) for seed in range(count) for label in models}
+    found = Found(
+        cells={label: [cells[label, seed] for seed in range(count)] for label in models},
+        single={label: _single(parts, label, size) for label in models},
+        verdicts={} if quick else {label: _verdict(parts, label, size) for label in GPS},
+        costs={} if quick else {label: _cost(parts, label, size) for label in models},
+    )
     return Study(
         name="wave",
         title="Wave: generalized Persidskii models against three baselines",
         protocol=protocol(__doc__),
-        tables=_tables(cells, single, verdicts, costs),
-        drawings=(_drawing(cells, size),),
-        figures=_figures(cells, single, verdicts),
+        tables=_tables(found),
+        drawings=(_drawing(found.cells, size),),
+        figures=_figures(found),
         remarks=REMARKS,
         seconds=parts.total,
         quick=quick,
@@ -187,17 +233,17 @@ def _tuned(label: str, size: Size, seed: int, say: Callable[[str], None]) -> tup
     return model, ridge, seconds / len(tried)
 
 
-def _cell(parts: Parts, label: str, size: Size, seed: int) -> Json:
+def _cell(parts: Parts, label: str, size: Size, seed: int) -> Cell:
     """Return the scores of one model for one seed."""
     name = f"{label}, seed {seed}"
     return parts.part(name, _parameters(label, size), partial(_compute, label, size, seed, parts.within(name)))
 
 
-def _parameters(label: str, size: Size) -> Json:
+def _parameters(label: str, size: Size) -> dict[str, object]:
     return {"size": asdict(size), "strengths": list(_strengths(label)), "options": GPS.get(label, {})}
 
 
-def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> Json:
+def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> Cell:
     model, ridge, seconds = _tuned(label, size, seed, say)
     say("free runs")
     held, paper = _free_runs(model, _data(size, seed)[2]), _free_runs(model, paper_run(size.points))
@@ -205,18 +251,18 @@ def _compute(label: str, size: Size, seed: int, say: Callable[[str], None]) -> J
     start = own.x[: model.lags] if isinstance(model, OneStepRegressor) else own.x[0]
     found = model.simulate(start, own.t, own.u)[0].x
     return {
-        "held out": held.figures(), "paper run": paper.figures(), "ridge": ridge, "seconds": seconds,
-        "run": np.round(found, 4) if seed == 0 else [],
+        "scores": {"held out": errors(held), "paper run": errors(paper)}, "ridge": ridge, "seconds": seconds,
+        "run": np.round(found, 4).tolist() if seed == 0 else [],
     }  # fmt: skip
 
 
-def _single(parts: Parts, label: str, size: Size) -> Json:
+def _single(parts: Parts, label: str, size: Size) -> OneRun:
     """Return the errors on the paper's run of a fit to that run alone: one step ahead, and in a free run."""
 
-    def compute() -> Json:
+    def compute() -> OneRun:
         data = paper_run(size.points)
         model = _fit(label, data, _strengths(label)[0])
-        return {"free": _free_runs(model, data).figures(), "one step": _one_step(model, data)}
+        return {"free": errors(_free_runs(model, data)), "one_step": _one_step(model, data)}
 
     return parts.part(f"{label}, one run", _parameters(label, size), compute)
 
@@ -229,12 +275,12 @@ def _one_step(model: Fitted, data: ps.Trajectories) -> float | None:
     return score(run.x[1:], one_step(model.model_, run, "paper", 20)[:-1]).rmse
 
 
-def _verdict(parts: Parts, label: str, size: Size) -> Json:
+def _verdict(parts: Parts, label: str, size: Size) -> VerdictCell:
     """Return the verdict on the model of the first seed."""
 
     name = f"{label}, verdict"
 
-    def compute() -> Json:
+    def compute() -> VerdictCell:
         model = _tuned(label, size, 0, parts.within(name))[0].model_
         verdict = ps.certify(model, time_limit=TIME_LIMIT, progress=parts.within(name))
         return parts.verdict(f"{label}, seed 0", model, verdict)
@@ -242,10 +288,10 @@ def _verdict(parts: Parts, label: str, size: Size) -> Json:
     return parts.part(name, _parameters(label, size) | {"limit": TIME_LIMIT}, compute)
 
 
-def _cost(parts: Parts, label: str, size: Size) -> Json:
+def _cost(parts: Parts, label: str, size: Size) -> Cost:
     """Return processor seconds and the largest new memory of one fit to the runs of the first seed."""
 
-    def compute() -> Json:
+    def compute() -> Cost:
         data, ridge = _data(size, 0)[0], _strengths(label)[0]
         started = time.process_time()
         _fit(label, data, ridge)
@@ -259,27 +305,22 @@ def _cost(parts: Parts, label: str, size: Size) -> Json:
     return parts.part(f"{label}, cost", _parameters(label, size), compute)
 
 
-def _tables(
-    cells: Mapping[str, Sequence[Json]],
-    single: Mapping[str, Json],
-    verdicts: Mapping[str, Json],
-    costs: Mapping[str, Json],
-) -> tuple[Table, ...]:
+def _tables(found: Found) -> tuple[Table, ...]:
     errors = tuple(
         (
             label, PAPER.get(label, "—"), _spread(column, "paper run", "rmse"), _spread(column, "paper run", "r2"),
-            _spread(column, "held out", "rmse"), str(sum(cell["held out"]["blow_ups"] for cell in column)),
+            _spread(column, "held out", "rmse"), str(sum(cell["scores"]["held out"]["blow_ups"] for cell in column)),
             f"{column[0]['ridge']:g}", f"{column[0]['seconds']:.1f}",
         )
-        for label, column in cells.items()
+        for label, column in found.cells.items()
     )  # fmt: skip
     alone = tuple(
-        (label, number(cell["one step"]), "blows up" if cell["free"]["blow_ups"] else number(cell["free"]["rmse"]))
-        for label, cell in single.items()
+        (label, number(cell["one_step"]), "blows up" if cell["free"]["blow_ups"] else number(cell["free"]["rmse"]))
+        for label, cell in found.single.items()
     )
     proofs = tuple(
         (label, v["verdict"], v["reason"] or f"scope {v['scope']}", f"{v['seconds']:.0f}")
-        for label, v in verdicts.items()
+        for label, v in found.verdicts.items()
     )
     head = (
         "model",
@@ -302,7 +343,7 @@ def _tables(
     )
     if not proofs:
         return tables
-    sizes = tuple((label, f"{cost['seconds']:.2f}", f"{cost['bytes'] / 2**20:.0f}") for label, cost in costs.items())
+    sizes = tuple((label, f"{c['seconds']:.2f}", f"{c['bytes'] / 2**20:.0f}") for label, c in found.costs.items())
     return (
         *tables,
         Table("verdicts", "Verdicts on the models of the first seed", ("model", "verdict", "reason", "s"), proofs),
@@ -310,27 +351,28 @@ def _tables(
     )
 
 
-def _spread(column: Sequence[Json], kind: str, what: str) -> str:
-    if what == "r2" and any(cell[kind]["blow_ups"] for cell in column):
+def _spread(column: Sequence[Cell], kind: str, what: Literal["rmse", "r2"]) -> str:
+    scores = [cell["scores"][kind] for cell in column]
+    if what == "r2" and any(score["blow_ups"] for score in scores):
         return "—"
-    return spread([None if cell[kind]["blow_ups"] else cell[kind][what] for cell in column])
+    return spread([None if score["blow_ups"] else score[what] for score in scores])
 
 
-def _figures(
-    cells: Mapping[str, Sequence[Json]], single: Mapping[str, Json], verdicts: Mapping[str, Json]
-) -> dict[str, float | int | str | None]:
-    found: dict[str, float | int | str | None] = {}
-    for label, column in cells.items():
+def _figures(found: Found) -> Figures:
+    figures: Figures = {}
+    for label, column in found.cells.items():
         for seed, cell in enumerate(column):
             for kind in ("paper run", "held out"):
-                calm = not cell[kind]["blow_ups"]
-                found[f"{label}, seed {seed}, {kind}: RMSE"] = cell[kind]["rmse"] if calm else None
-    for label, cell in single.items():
-        found[f"{label}, one run: RMSE"] = None if cell["free"]["blow_ups"] else cell["free"]["rmse"]
-    return found | {f"{label}: verdict": verdict["verdict"] for label, verdict in verdicts.items()}
+                figures[f"{label}, seed {seed}, {kind}: RMSE"] = _error(cell["scores"][kind])
+    figures |= {f"{label}, one run: RMSE": _error(cell["free"]) for label, cell in found.single.items()}
+    return figures | {f"{label}: verdict": verdict["verdict"] for label, verdict in found.verdicts.items()}
 
 
-def _drawing(cells: Mapping[str, Sequence[Json]], size: Size) -> Drawing:
+def _error(score: ScoreCell) -> float | None:
+    return None if score["blow_ups"] else score["rmse"]
+
+
+def _drawing(cells: Mapping[str, Sequence[Cell]], size: Size) -> Drawing:
     """Draw the paper's run and every model's, at the last time over space and at the middle over time."""
     own, y = paper_run(size.points)[0], np.linspace(0, 3 * np.pi, size.points)
     figure = Figure(figsize=(10, 2.6 * len(cells)), layout="constrained")

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from persid.identification.outputs.latent import Latent
-from persid.identification.outputs.parametrisation import Shape, parameters_beside, parameters_of, proved
+from persid.identification.outputs.parametrisation import Multiplied, Shape, parameters_beside, parameters_of, proved
 from persid.identification.outputs.starts import stable_batch
 
 SHAPES = [Shape(2, 3, 0.0, 1e-4), Shape(3, 2, 0.1, 1e-4), Shape(1, 1, 0.0, 1e-4), Shape(3, 0, 0.1, 1e-4)]
@@ -77,7 +77,7 @@ def test_one_neuron_more_leaves_a_model_as_it_was(most: float, moved: float):
     assert had.valid[0]
     R, A1 = np.vstack([had.R[0], rng.normal(size=(1, 3))]), np.hstack([had.A1[0], np.zeros((3, 1))])
     M, T, idle = np.append(had.M[0], 0.0), np.append(had.T[0], 0.0), np.array([False, False, True])
-    found, _ = proved(grown, parameters_beside(grown, had.A[0], A1, R, M, T, idle, most)[None])
+    found, _ = proved(grown, parameters_beside(grown, Multiplied(had.A[0], A1, R, M, T), idle, most)[None])
     assert found.valid[0]
     assert found.T[0, 2] > 0
     np.testing.assert_allclose(found.A[0], had.A[0], atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from persid.identification.outputs import runs, sensitivities
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.records import Pieces
-from persid.identification.outputs.runs import errors, simulated, swept
+from persid.identification.outputs.runs import Guess, errors, simulated, swept
 from persid.identification.outputs.sensitivities import normal
 
 N, Q, M, L = 2, 3, 2, 2
@@ -31,7 +31,7 @@ def pieces_of(hold: str, length: int) -> Pieces:
 
 def run(latent: Latent, pieces: Pieces):
     S = len(pieces.record)
-    return simulated(latent, pieces, np.zeros((2, N, S)), np.zeros((2, S, N, N)), 2, sweeps=20)
+    return simulated(latent, pieces, Guess(np.zeros((2, N, S)), np.zeros((2, S, N, N))), 2, sweeps=20)
 
 
 def residuals(latent: Latent, pieces: Pieces) -> np.ndarray:

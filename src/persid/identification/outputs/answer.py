@@ -88,11 +88,18 @@ def answered(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Demands:
+    """What a fit is to keep: gains of the outputs below these, entries that are known; None where nothing is asked."""
+
+    gains: Float[ndarray, " l"] | None = None
+    known: Known | None = None
+
+
 def demanded(
-    start: StableFit, records: Sequence[Record], dt: float, question: Question, gains: Float[ndarray, " l"] | None,
-    known: Known | None = None, tell: Tell = lambda stage, error: None,
-) -> tuple[StableFit, float]:  # fmt: skip
-    """Return a fit to all data that goes on from one and keeps gains below those given, and entries that are known.
+    start: StableFit, records: Sequence[Record], dt: float, question: Question, demands: Demands, tell: Tell
+) -> tuple[StableFit, float]:
+    """Return a fit to all data that goes on from one and keeps what is demanded.
 
     A logarithmic barrier keeps gains, its weight falling in stages; squares keep known entries, their weight rising.
     """
@@ -106,10 +113,10 @@ def demanded(
     steps = int(np.clip(FINAL_WORK / (pieces.values * len(winner.parameters.free)), 10, FINAL_STEPS))
     for barrier, square in zip(BARRIERS, SQUARES, strict=True):
         terms: list[Term] = []
-        if gains is not None:
-            terms.append(Limit(gains / scales.y_scale, scales.u_scale, question.kappa / ROOM, barrier * unit))
-        if known is not None:
-            terms.append(Kept(known.in_standard_units(scales, dt), square * unit))
+        if demands.gains is not None:
+            terms.append(Limit(demands.gains / scales.y_scale, scales.u_scale, question.kappa / ROOM, barrier * unit))
+        if demands.known is not None:
+            terms.append(Kept(demands.known.in_standard_units(scales, dt), square * unit))
         staged = replace(task, terms=tuple(terms))
         fit = least_squares.begun(staged, winner.batch)
         if fit.ended[0]:

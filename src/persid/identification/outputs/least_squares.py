@@ -11,7 +11,7 @@ from numpy import ndarray
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.parametrisation import Proved, Shape, proved
 from persid.identification.outputs.records import Pieces
-from persid.identification.outputs.runs import SWEEPS, simulated
+from persid.identification.outputs.runs import SWEEPS, Guess, simulated
 from persid.identification.outputs.sensitivities import normal
 
 TOLERANCE = 1e-4  # relative gain of the cost in one step, over PATIENCE steps in a row
@@ -186,16 +186,15 @@ def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
 
 
 def evaluated(
-    task: Task, batch: Batch, ridge: ndarray, start: ndarray, flow: ndarray, sweeps: int = SWEEPS,
-    limit: ndarray | float = np.inf,
-) -> tuple[ndarray, ndarray, ndarray, Float[ndarray, "K n S"]]:  # fmt: skip
+    task: Task, batch: Batch, ridge: ndarray, guess: Guess, sweeps: int = SWEEPS, limit: ndarray | float = np.inf
+) -> tuple[ndarray, ndarray, ndarray, Float[ndarray, "K n S"]]:
     """Return cost, error, held-out error and starts of pieces by simulation; infinite where one is not valid.
 
     A model whose costs go beyond `limit` before its pieces join is given up: its cost is infinite.
     """
     latent, _, valid = task.parameters.latent(batch)
     most = np.broadcast_to(2 * task.pieces.values * np.asarray(limit), len(valid))
-    run = simulated(latent, task.pieces, start, flow, task.substeps, sweeps, most)
+    run = simulated(latent, task.pieces, guess, task.substeps, sweeps, most)
     good = valid & run.joined
     square = np.where(good, run.square, np.inf) / task.pieces.values
     held = np.where(good, run.held, np.inf) / max(float(task.pieces.held.sum()) * task.pieces.y.shape[1], 1.0)
@@ -215,13 +214,13 @@ def begun(task: Task, batch: Batch, damping: float = FAR, near: tuple[ndarray, n
     start, flow = np.repeat(first, K, 0), np.repeat(flows, K, 0)
     for _ in range(4):
         latent, _, _ = task.parameters.latent(batch)
-        run = simulated(latent, task.pieces, start, flow, task.substeps, 4)
+        run = simulated(latent, task.pieces, Guess(start, flow), task.substeps, 4)
         if run.joined.all():
             break
         start = np.clip(np.nan_to_num(run.start), -100, 100)
         with np.errstate(all="ignore"):
             flow = np.nan_to_num(normal(latent, task.pieces, start, task.substeps).flow)
-    cost, error, held, start = evaluated(task, batch, task.ridge, run.start, flow, 30)
+    cost, error, held, start = evaluated(task, batch, task.ridge, Guess(run.start, flow), 30)
     zero = np.zeros(K, int)
     return Fit(
         batch=batch,
@@ -303,11 +302,9 @@ def _moved(task: Task, fit: Fit, active: ndarray, fresh: dict[int, _Linear]) -> 
     batch = replace(fit.batch[active], w=fit.batch.w[active] + dw, x0=fit.batch.x0[active] + dx0)
     dtheta = (dw[:, None] @ D)[:, 0]
     shift = (reach @ dtheta[:, None, :, None])[..., 0] + (own @ dx0[:, task.pieces.record, :, None])[..., 0]
-    start = fit.start[active] + np.swapaxes(shift, 1, 2)
+    guess = Guess(fit.start[active] + np.swapaxes(shift, 1, 2), fit.flow[active])
     before = fit.cost[active]
-    cost, error, held, start = evaluated(
-        task, batch, task.ridge[active], start, fit.flow[active], limit=HOPELESS * before
-    )
+    cost, error, held, start = evaluated(task, batch, task.ridge[active], guess, limit=HOPELESS * before)
     better: ndarray = cost < before
     taken, refused = active[better], active[~better]
     gain = 1 - cost[better] / fit.cost[taken]

@@ -125,7 +125,7 @@ def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n
     L, fast = _root(shape, A), np.abs(np.linalg.eigvals(A)).max()
     for k in range(SHRUNK):
         T = np.full(len(R), 0.7**k)
-        one = _Model(A, np.zeros(R.T.shape), R, 0.1 * T / fast, T)
+        one = Multiplied(A, np.zeros(R.T.shape), R, 0.1 * T / fast, T)
         U = _share(shape, L, one)
         if not len(R) or np.linalg.norm(U, 2) < ROOM:
             break
@@ -133,10 +133,9 @@ def parameters_of(shape: Shape, A: Float[ndarray, "n n"], R: Float[ndarray, "q n
 
 
 def parameters_beside(
-    shape: Shape, A: Float[ndarray, "n n"], A1: Float[ndarray, "n q"], R: Float[ndarray, "q n"],
-    M: Float[ndarray, " q"], T: Float[ndarray, " q"], idle: Bool[ndarray, " q"], most: float = NEAR,
-) -> Float[ndarray, " p"]:  # fmt: skip
-    """Return parameters of a model that M and T prove, with neurons beside those that have no effect yet: `idle`.
+    shape: Shape, given: "Multiplied", idle: Bool[ndarray, " q"], most: float = NEAR
+) -> Float[ndarray, " p"]:
+    """Return parameters of a model that its M and T prove, with neurons beside those that have no effect yet: `idle`.
 
     A fit ends near the edge of what is proved, where there is little room for more: so U of what is there is shrunk to
     `most`, the model giving way a little. T and M of the idle, at first a share of the others', shrink until half of
@@ -145,31 +144,29 @@ def parameters_beside(
     Raises:
         ValueError: A + A' + kappa is not negative.
     """
+    A, A1, R, M, T = given
     L, fast = _root(shape, A), np.abs(np.linalg.eigvals(A)).max()
-    own = _Model(A, A1, R, M, T).of(~idle)
+    own = given.of(~idle)
     U = _shrunk(_share(shape, L, own), most)
     A1 = A1.copy()
     A1[:, ~idle] = A @ (own.R.T * own.M) - own.R.T * own.T - L @ U @ _root_of_S(shape, own).T
     for k in range(SHRUNK):
         tau = BESIDE * np.median(own.T) * 0.7**k
-        one = _Model(A, A1, R, np.where(idle, 0.1 * tau / fast, M), np.where(idle, tau, T))
+        one = Multiplied(A, A1, R, np.where(idle, 0.1 * tau / fast, M), np.where(idle, tau, T))
         if _is_positive(shape, one) and np.linalg.norm(_share(shape, L, one), 2) < (1 + np.linalg.norm(U, 2)) / 2:
             break
-    return parameters_under(shape, *one)
+    return parameters_under(shape, one)
 
 
-def parameters_under(
-    shape: Shape, A: Float[ndarray, "n n"], A1: Float[ndarray, "n q"], R: Float[ndarray, "q n"],
-    M: Float[ndarray, " q"], T: Float[ndarray, " q"],
-) -> Float[ndarray, " p"]:  # fmt: skip
+def parameters_under(shape: Shape, given: "Multiplied") -> Float[ndarray, " p"]:
     """Return parameters of a model with multipliers M >= 0 and T that prove it; where its margin is less than what is
     kept here, those of a model beside it.
 
     Raises:
         ValueError: A + A' + kappa is not negative.
     """
-    L, M = _root(shape, A), np.maximum(M, TINY * M.max(initial=TINY))
-    one = _Model(A, A1, R, M, T)
+    L, M = _root(shape, given.A), np.maximum(given.M, TINY * given.M.max(initial=TINY))
+    one = given._replace(M=M)
     return _flat(L, one, _shrunk(_share(shape, L, one), NEAR))
 
 
@@ -185,7 +182,7 @@ def _root(shape: Shape, A: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
     return np.asarray((V * np.sqrt(w)) @ V.T)
 
 
-class _Model(NamedTuple):
+class Multiplied(NamedTuple):
     """A model x' = A x + A1 f(R x) with its multipliers."""
 
     A: Float[ndarray, "n n"]
@@ -194,32 +191,32 @@ class _Model(NamedTuple):
     M: Float[ndarray, " q"]
     T: Float[ndarray, " q"]
 
-    def of(self, chosen: Bool[ndarray, " q"]) -> "_Model":
+    def of(self, chosen: Bool[ndarray, " q"]) -> "Multiplied":
         """Return the model with some of its neurons."""
-        return _Model(self.A, self.A1[:, chosen], self.R[chosen], self.M[chosen], self.T[chosen])
+        return Multiplied(self.A, self.A1[:, chosen], self.R[chosen], self.M[chosen], self.T[chosen])
 
 
-def _share(shape: Shape, L: Float[ndarray, "n n"], one: _Model) -> Float[ndarray, "n q"]:
+def _share(shape: Shape, L: Float[ndarray, "n n"], one: Multiplied) -> Float[ndarray, "n q"]:
     """Return U with Delta = U chol(KEPT S)': below 1 in norm where M and T prove the model."""
     A, A1, R, M, T = one
     Delta = np.linalg.solve(L, A @ (R.T * M) - R.T * T - A1)
     return np.asarray(Delta @ np.linalg.inv(_root_of_S(shape, one).T))
 
 
-def _root_of_S(shape: Shape, one: _Model) -> Float[ndarray, "q q"]:
+def _root_of_S(shape: Shape, one: Multiplied) -> Float[ndarray, "q q"]:
     return np.asarray(np.sqrt(KEPT) * np.linalg.cholesky(_S(shape, one)))
 
 
-def _is_positive(shape: Shape, one: _Model) -> bool:
+def _is_positive(shape: Shape, one: Multiplied) -> bool:
     return bool(np.linalg.eigvalsh(_S(shape, one))[0] > 0)
 
 
-def _S(shape: Shape, one: _Model) -> Float[ndarray, "q q"]:
+def _S(shape: Shape, one: Multiplied) -> Float[ndarray, "q q"]:
     G, M, T = one.R @ one.R.T, one.M, one.T
     return np.asarray(2 * np.diag(T) + M[:, None] * G * T + T[:, None] * G * M + shape.kappa * M[:, None] * G * M)
 
 
-def _flat(L: Float[ndarray, "n n"], one: _Model, U: Float[ndarray, "n q"]) -> Float[ndarray, " p"]:
+def _flat(L: Float[ndarray, "n n"], one: Multiplied, U: Float[ndarray, "n q"]) -> Float[ndarray, " p"]:
     A, _, R, M, T = one
     w, V = np.linalg.eigh(np.eye(len(R)) - U.T @ U)
     X, J = U @ (V / np.sqrt(w)) @ V.T, (A - A.T) / 2

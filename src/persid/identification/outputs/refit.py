@@ -9,7 +9,7 @@ from persid.errors import DataError, ModelError
 from persid.identification.outputs import least_squares, selection, starts
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Free, Stable, Task
-from persid.identification.outputs.parametrisation import Shape, parameters_under
+from persid.identification.outputs.parametrisation import Multiplied, Shape, parameters_under
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.selection import Candidate, Question, Winner
 from persid.models.outputs import OutputModel
@@ -100,7 +100,8 @@ def _point(fit: StableFit, latent: Latent, dt: float, question: Question) -> tup
         return starts.free_batch(latent, through)
     shape = Shape(latent.n, latent.q, question.kappa, starts.slack(latent.A, question.kappa))
     try:
-        v = parameters_under(shape, latent.A[0], latent.A1[0], latent.R[0], np.abs(fit.M), fit.T * dt)
+        given = Multiplied(latent.A[0], latent.A1[0], latent.R[0], np.abs(fit.M), fit.T * dt)
+        v = parameters_under(shape, given)
     except ValueError:
         raise DataError("the earlier model is slower than min_rate= asks for; fit anew, without warm_start=") from None
     return starts.stable_point(shape, v[None], latent, through)

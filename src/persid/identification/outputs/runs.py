@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -72,17 +73,22 @@ def swept(latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], subste
     return states
 
 
+class Guess(NamedTuple):
+    """Where pieces begin, and the derivatives of their ends by that."""
+
+    start: Float[ndarray, "K n S"]
+    flow: Float[ndarray, "K S n n"]
+
+
 def simulated(
-    latent: Latent, pieces: Pieces, start: Float[ndarray, "K n S"], flow: ndarray, substeps: int, sweeps: int = SWEEPS,
-    most: ndarray | float = np.inf,
-) -> Run:  # fmt: skip
+    latent: Latent, pieces: Pieces, guess: Guess, substeps: int, sweeps: int = SWEEPS, most: ndarray | float = np.inf
+) -> Run:
     """Simulate from x0; pieces begin at a guess that is corrected with the pieces' flows until they join.
 
     A model whose sum of squares goes beyond `most` is left as it is.
     """
-    K, n, S = start.shape
-    follows = pieces.follows
-    start = start.copy()
+    start, flow = guess.start.copy(), guess.flow
+    (K, n, S), follows = start.shape, pieces.follows
     start[:, :, ~follows] = np.swapaxes(latent.x0, 1, 2)
     open_, size, square, held = np.arange(K), *(np.full(K, np.inf) for _ in range(3))
     most = np.broadcast_to(most, K)

@@ -10,7 +10,14 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Free, Stable, theta_of
-from persid.identification.outputs.parametrisation import NEAR, SLACK, Shape, parameters_beside, parameters_of
+from persid.identification.outputs.parametrisation import (
+    NEAR,
+    SLACK,
+    Multiplied,
+    Shape,
+    parameters_beside,
+    parameters_of,
+)
 from persid.identification.outputs.subspace import Linear
 
 GIVING = (NEAR, 0.97)  # norm of U at most, for what makes room for one neuron more
@@ -125,7 +132,7 @@ def grown(
     shape, had = replace(parameters.shape, q=parameters.q + 1), parameters.proved(batch)
     M, T, idle = np.insert(had.M[0], place, 0.0), np.insert(had.T[0], place, 0.0), np.arange(shape.q) == place
     pairs = [(one, most) for most in GIVING for one in points]
-    v = [parameters_beside(shape, one.A[0], one.A1[0], one.R[0], M, T, idle, most) for one, most in pairs]
+    v = [parameters_beside(shape, Multiplied(one.A[0], one.A1[0], one.R[0], M, T), idle, most) for one, most in pairs]
     return stable_point(shape, np.array(v), stacked([one for one, _ in pairs]), through)
 
 
