@@ -1,5 +1,8 @@
 """The verdict on a model: certified, refuted, or undecided with its reason: the door to all questions."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from numpy import ndarray
 
@@ -88,47 +91,45 @@ def certify(
         raise ModelError(f'claim="{claim}" is about all states; leave domain at "global"')
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ModelError(f"rate is {rate!r}; needed is a number of 1/s above 0, or None")
+    log, each = Log(float(time_limit), progress or (lambda line: None)), gains == "each"
     if isinstance(model, DescriptorModel):
-        if not (isinstance(domain, str) and domain in ("global", "auto")):
-            raise ModelError('of a model with algebraic variables domain is "global" or "auto", a region of strips')
-        if claim == "practical":
-            raise ModelError('no claim="practical" is sought of a model with algebraic variables')
-        log = Log(float(time_limit), progress or (lambda line: None))
-        asked_claim = "region" if domain == "auto" else claim
-        return _of_equations(model, operating_point, u_op, rate, gains == "each", asked_claim, log)
+        from persid.verdicts import descriptors
+
+        _refuse_for_equations(domain, claim)
+        wanted = "region" if _is_auto(domain) else claim
+        equations = descriptors.Question(model, operating_point, _nominal(model, u_op), rate, each, wanted)
+        return _answered(partial(descriptors.decide, equations, log), model.n, log)
     dynamics = model.dynamics if isinstance(model, OutputModel) else model
-    arrays = arrays_on(device)
-    log = Log(float(time_limit), progress or (lambda line: None))
-    near, box = _near(dynamics, operating_point), _box(dynamics, domain)
-    u = dynamics.u_ref if u_op is None else vector("u_op", u_op, dynamics.m)
+    asked = Question(
+        model=dynamics, near=_near(dynamics, operating_point), u=_nominal(dynamics, u_op), box=_box(dynamics, domain),
+        each=each, rate=rate, outputs=outputs, claim=claim, arrays=arrays_on(device), auto=_is_auto(domain),
+    )  # fmt: skip
+    return _answered(partial(decide, asked, log), dynamics.n, log)
+
+
+def _answered(answer: Callable[[], Verdict], n: int, log: Log) -> Verdict:
+    """Return an answer about n states; after Ctrl-C the best that there was.
+
+    Samples overflow and slopes are infinite on the way: what is not finite proves nothing.
+    """
     try:
-        with (
-            few_threads(dynamics.n),
-            np.errstate(all="ignore"),
-        ):  # samples overflow, slopes are infinite: what is not finite proves nothing
-            asked = Question(
-                model=dynamics, near=near, u=u, box=box, each=gains == "each", rate=rate, outputs=outputs, claim=claim,
-                arrays=arrays, auto=_is_auto(domain),
-            )  # fmt: skip
-            return decide(asked, log)
+        with few_threads(n), np.errstate(all="ignore"):
+            return answer()
     except KeyboardInterrupt:
         if log.best is not None:
             return Certified(log.best, tuple(log.attempts))
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
 
 
-def _of_equations(
-    model: DescriptorModel, near: object, u_op: object, rate: float | int | None, each: bool, claim: str, log: Log
-) -> Verdict:
-    """Decide about a model with algebraic variables."""
-    from persid.verdicts.descriptors import certify_descriptor
+def _refuse_for_equations(domain: object, claim: str) -> None:
+    if not (isinstance(domain, str) and domain in ("global", "auto")):
+        raise ModelError('of a model with algebraic variables domain is "global" or "auto", a region of strips')
+    if claim == "practical":
+        raise ModelError('no claim="practical" is sought of a model with algebraic variables')
 
-    u = model.u_ref if u_op is None else vector("u_op", u_op, model.m)
-    try:
-        with few_threads(model.n), np.errstate(all="ignore"):
-            return certify_descriptor(model, near, u, rate, each, claim, log)
-    except KeyboardInterrupt:
-        return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
+
+def _nominal(model: PersidskiiModel | DescriptorModel, u_op: object) -> ndarray:
+    return model.u_ref if u_op is None else vector("u_op", u_op, model.m)
 
 
 def _near(model: PersidskiiModel, operating_point: object) -> ndarray | None:

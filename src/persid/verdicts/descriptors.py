@@ -1,7 +1,7 @@
 """The verdict on a model with algebraic variables: its equations have one solution, and V falls along all runs."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -24,37 +24,46 @@ from persid.verdicts.verdict import Certified, Reason, Undecided
 from persid_check.model import model_of
 
 
-def certify_descriptor(
-    model: DescriptorModel, near: object, u: Float[ndarray, " m"], rate: float | int | None, each: bool, claim: str,
-    log: Log,
-) -> Certified | Undecided:  # fmt: skip
-    """Return the verdict on a model about the equilibrium nearest to some variables ("auto": to its reference).
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A question: the model at input u near some variables ("auto": its reference), a rate, a gain for each input.
 
     The claim is "strongest" or "incremental" of all states, or "region" for the largest region that is found: all
     states where that is proved.
     """
-    near = None if isinstance(near, str) and near == "auto" else _variables(model, near, u)
+
+    model: DescriptorModel
+    near: object
+    u: Float[ndarray, " m"]
+    rate: float | int | None
+    each: bool
+    claim: str
+
+
+def decide(asked: Question, log: Log) -> Certified | Undecided:
+    """Return the verdict on a model about the equilibrium nearest to where it is asked for."""
+    model, u = asked.model, asked.u
+    near = None if isinstance(asked.near, str) and asked.near == "auto" else _variables(model, asked.near, u)
     with log.attempt("equilibria at the nominal input") as outcome:
         points = find_operating_point(model.rows, u, near=near)
         outcome.append(f"{len(points)} found and proved")
     if not points:
         return _undecided(Failure(Reason.OUTSIDE, words.NO_POINT), log)
-    if claim != "region":
-        return _global(model, points[0], rate, each, claim, log)
+    if asked.claim != "region":
+        return _global(asked, points[0], log)
     with log.share(ALL_STATES):
-        everywhere = _global(model, points[0], rate, each, claim, log)
-    return everywhere if isinstance(everywhere, Certified) else _region(model, points, rate, each, log)
+        everywhere = _global(asked, points[0], log)
+    return everywhere if isinstance(everywhere, Certified) else _region(asked, points, log)
 
 
-def _global(
-    model: DescriptorModel, nearest: OperatingPoint, rate: float | int | None, each: bool, claim: str, log: Log
-) -> Certified | Undecided:
+def _global(asked: Question, nearest: OperatingPoint, log: Log) -> Certified | Undecided:
     """Return the verdict for all states."""
+    model = asked.model
     if missing := undefined(model.rows):
         return _undecided(Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4]))), log)
     point = None if is_reference(model.rows, nearest) else nearest
     frame = _frame(model, point)
-    frame = frame.monotone if claim == "incremental" else frame
+    frame = frame.monotone if asked.claim == "incremental" else frame
     with log.attempt("equations that have one solution") as outcome:
         values = solving(frame, log.left)
         outcome.append("not proved" if values is None else "proved")
@@ -62,23 +71,21 @@ def _global(
         return _undecided(Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE), log)
     with log.attempt("facts and equations") as outcome:
         about = About(model, point, model.jacobian(nearest.x))
-        found, fastest = by_facts(about, replace(frame, solving=values), rate, each, log)
+        found, fastest = by_facts(about, replace(frame, solving=values), asked.rate, asked.each, log)
         outcome.append(f"certified, {found.claim}" if isinstance(found, Certificate) else found.reason.name.lower())
     if isinstance(found, Failure):
         return _undecided(found, log)
     return Certified(found, tuple(log.attempts), fastest)
 
 
-def _region(
-    model: DescriptorModel, points: Sequence[OperatingPoint], rate: float | int | None, each: bool, log: Log
-) -> Certified | Undecided:
+def _region(asked: Question, points: Sequence[OperatingPoint], log: Log) -> Certified | Undecided:
     """Certify the largest region that is found about the first equilibrium that allows one."""
-    failures = []
+    model, failures = asked.model, []
     for nearest in points:
         point = None if is_reference(model.rows, nearest) else nearest
         about = About(model, point, model.jacobian(nearest.x))
         with log.attempt("region of strips, with equations that have one solution in them") as outcome:
-            found = by_strips(about, _candidates(model, point), rate, each, log)
+            found = by_strips(about, _candidates(model, point), asked.rate, asked.each, log)
             outcome.append(f"certified, {found.claim}" if isinstance(found, Certificate) else found.reason.name.lower())
         if isinstance(found, Certificate):
             return Certified(found, tuple(log.attempts))
