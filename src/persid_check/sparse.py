@@ -128,14 +128,14 @@ def read_sparse(data: Stated, arrays: Arrays) -> SparseModel:
     plain = data["states"] if isinstance(data["states"], list) else None
     default = plain is None or plain == [f"x{i + 1}" for i in range(n)]
     return SparseModel(
-        n,
-        None if default else tuple(plain or ()),
-        tuple(inputs),
-        tuple(read_vector("model.u_ref", data.get("u_ref"), len(inputs))),
-        _columns("A0", arrays, (n, n)),
-        tuple(_term(f"terms.{i}", term, n, arrays) for i, term in enumerate(terms)),
-        _columns("B", arrays, (n, len(inputs))),
-        *(_floats(name, arrays, n * (1 + (name == "domain"))) for name in _VECTORS),
+        n=n,
+        states=None if default else tuple(plain or ()),
+        inputs=tuple(inputs),
+        u_ref=tuple(read_vector("model.u_ref", data.get("u_ref"), len(inputs))),
+        A0=_columns("A0", arrays, (n, n)),
+        terms=tuple(_term(f"terms.{i}", term, n, arrays) for i, term in enumerate(terms)),
+        B=_columns("B", arrays, (n, len(inputs))),
+        **{name: _floats(name, arrays, n * (1 + (name == "domain"))) for name in _VECTORS},
     )
 
 

@@ -181,7 +181,15 @@ def estimate(windows: Windows, used: Bool[ndarray, "p n"]) -> Estimate:
         theta[used[:, i], i] = own
         influence[i][:, used[:, i]] = scores @ inverse.T / scale
         agreement[i] = _agreement(scores, P)
-    return Estimate(theta, influence, used, nb, agreement, residual, resolved)
+    return Estimate(
+        theta=theta,
+        influence=influence,
+        used=used,
+        blocks=nb,
+        agreement=agreement,
+        residual=residual,
+        resolved=resolved,
+    )
 
 
 def _agreement(scores: Float[ndarray, "b z"], P: Float[ndarray, "z p"]) -> float:

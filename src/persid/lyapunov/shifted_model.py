@@ -63,7 +63,7 @@ class Setting:
             upper[curve][simple] = upper_constants(curve, forms[simple])
             bounded = box is not None and not curve.fixed
             below[curve] = lower_constants(curve, forms) if bounded else np.zeros(len(forms))
-        return cls(model, point, box, found, pools, upper, below, arrays)
+        return cls(model=model, point=point, box=box, found=found, pools=pools, upper=upper, below=below, arrays=arrays)
 
     @property
     def system(self) -> System:

@@ -107,8 +107,19 @@ def look_through(chunks: list[Chunk], columns: Columns, engine: Engine) -> Recor
         total = total + steps_here
     digest = hashlib.sha256(b"".join(one.digest for one in found)).hexdigest()
     together = reduce(add, (one.moments for one in found if one.moments is not None))
-    facts = (shortened(notes), together, total, digest)
-    return Recordings(columns.states, columns.inputs, *facts, engine, columns, tuple(placed), tuple(runs), first)
+    return Recordings(
+        states=columns.states,
+        inputs=columns.inputs,
+        notes=shortened(notes),
+        moments=together,
+        steps=total,
+        digest=digest,
+        engine=engine,
+        _columns=columns,
+        _chunks=tuple(placed),
+        _runs=tuple(runs),
+        _first=first,
+    )
 
 
 def _joined(
