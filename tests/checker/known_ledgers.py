@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from checker import known_steps, named
+from checker import identities, known_steps, named
 from checker.ledgers import Sketch, curve, draft, model_object, number, point, seeing, solved
 from checker.translated import as_ledger
 from persid.certificates.ledger import with_proof
@@ -187,7 +187,7 @@ OWN: dict[str, Callable[[], Certificate]] = {
         spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below,
         lookup, slopes, slopes_of_kinks, *known_steps.MAKERS,
     )
-}  # fmt: skip
+} | {f"identity_{name}": made for name, made in identities.MAKERS.items()}  # fmt: skip
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))
 
 

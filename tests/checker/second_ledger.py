@@ -45,7 +45,7 @@ def _check(data: dict[str, Any]) -> None:
     _require(data["format"] == "persid-certificate-2", "format")
     if data["claim"] not in ("iss", "rate-and-gain") or data["operating_point"] is not None or data["outputs"]:
         raise UnsupportedError
-    if data["facts"]["one_signed"] or data["facts"]["constant"] or data["spanning"]:
+    if data["facts"]["one_signed"] or data["facts"]["constant"] or data["spanning"] or "identity" in data["facts"]:
         raise UnsupportedError
     form = data["model"]
     text = json.dumps(form, sort_keys=True, separators=(",", ":"))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix, scattered, zeros
+from persid_check.ledger.identities import form_of_identity
 from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.reading import Lower
 from persid_check.results import NotProvedError
@@ -48,6 +49,8 @@ def assemble(ledger: Ledger) -> Assembly:
         loss = loss + -equations(ledger, flow, ledger.algebraic.equations)
     if slopes := _over_eta(_weighted_slopes(ledger)):
         loss = loss + -_lifted(slopes, _rows_along(ledger, flow), flow.width, len(ledger.inside))
+    if ledger.identity:
+        loss = loss + -form_of_identity(ledger, size)
     below = _lifted(_over_eta(_curvatures(ledger)), rows, n, len(ledger.inside))
     Pt = P + (below.kept(range(order), range(order)) if order < n else below)
     return Assembly(loss, P, Pt, gamma, *_offsets(ledger))

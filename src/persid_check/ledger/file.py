@@ -63,6 +63,8 @@ if TYPE_CHECKING:
 COMPANION = "companion"  # the one field that a file may lack
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
+ENTRIES_OF_A_FACT = {"value": 4, "one_signed": 5, "difference": 6, "constant": 3, "slope": 4}
+OPTIONAL_FACTS = ("slope", "identity")  # that a file may lack
 
 FIELDS = (
     "format", "claim", "statement", "model_sha256", "model", "operating_point", "curves", "points", "facts", "P",
@@ -107,6 +109,7 @@ def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
         curves=curves,
         points=points,
         facts=_facts(data["facts"], curves, points),
+        identity=_identity(data["facts"], entries),
         diagonal=diagonal,
         P=P,
         inside=inside,
@@ -263,21 +266,32 @@ def _point(where: str, value: object, curves: Sequence[Curve], model: Model) -> 
     return Point(place, read_row(f"{where}.row", value["row"], model.n), channels, tuple(densities))
 
 
-def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
-    optional = ("slope",) if isinstance(value, dict) and "slope" in value else ()
-    lists = read_object("facts", value, ("value", "one_signed", "difference", "constant", *optional))
+def _identity(value: object, entries: int) -> tuple[tuple[int, int, Fraction], ...]:
+    """Return (i, j, sigma), i >= j, each place once at most."""
     found = []
-    for kind, width in (
-        ("value", 4),
-        ("one_signed", 5),
-        ("difference", 6),
-        ("constant", 3),
-        *((s, 4) for s in optional),
-    ):
-        for i, entry in enumerate(read_list(f"facts.{kind}", lists[kind])):
+    for k, entry in enumerate(read_list("facts.identity", _lists_of_facts(value).get("identity", []))):
+        where = f"facts.identity[{k}]"
+        i, j, sigma = read_list(where, entry, 3)
+        found.append((read_index(where, i, entries), read_index(where, j, entries), read_dyadic(where, sigma)))
+    places = [(i, j) for i, j, _ in found]
+    if any(j > i for i, j in places) or any(a >= b for a, b in pairwise(places)):
+        raise FormatError("facts.identity", "places (i, j) with i >= j rise")
+    return tuple(found)
+
+
+def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
+    lists, found = _lists_of_facts(value), []
+    for kind, width in ENTRIES_OF_A_FACT.items():
+        for i, entry in enumerate(read_list(f"facts.{kind}", lists.get(kind, []))):
             where = f"facts.{kind}[{i}]"
             found.append(_fact(where, kind, read_list(where, entry, width), curves, points))
     return tuple(found)
+
+
+def _lists_of_facts(value: object) -> Mapping[str, object]:
+    optional = [name for name in OPTIONAL_FACTS if isinstance(value, dict) and name in value]
+    needed = [name for name in ENTRIES_OF_A_FACT if name not in OPTIONAL_FACTS]
+    return read_object("facts", value, (*needed, *optional))
 
 
 def _fact(where: str, kind: str, entry: list[object], curves: Sequence[Curve], points: Sequence[Point]) -> Fact:

@@ -21,7 +21,7 @@ def _used(ledger: Ledger) -> list[tuple[Curve, Form]]:
 
 
 def _only_values(ledger: Ledger) -> bool:
-    return not ledger.inside and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
+    return not ledger.inside and not ledger.identity and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
 
 
 def has_feedback(ledger: Ledger) -> bool:

@@ -318,6 +318,10 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
             lines.append(f"2. Curve {i}, form {k} = {vector(form.l)}: {form.kind}, {pieces}.")
     counts = {kind: sum(1 for fact in ledger.facts if fact.kind == kind) for kind in _FACTS}
     lines += [f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]]
+    if ledger.identity:
+        lines.append(
+            f"3. {counted(len(ledger.identity), 'product')} of entries, whose sum is zero as a polynomial (section 12)."
+        )
     densities = sum(len(point.densities) for point in ledger.points)
     z = "z" if ledger.inside else "x"
     lines.append(f"4. V = {z}'P {z} + {counted(densities, 'integral')}; V >= {z}'Pt {z}, Pt assembled exactly.")

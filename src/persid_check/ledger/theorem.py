@@ -12,6 +12,7 @@ from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.algebraic import prove_algebraic, prove_bounds
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.further import holds_everywhere, holds_of_members, is_incremental
+from persid_check.ledger.identities import prove_identity
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
 from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Map, Output, Point, Row
 from persid_check.results import NotProvedError
@@ -51,6 +52,7 @@ def prove(ledger: Ledger) -> Proved:
     _domains(ledger)
     if ledger.model.algebraic or ledger.algebraic is not None:
         prove_algebraic(ledger, ledger.algebraic)
+    prove_identity(ledger)
     matrices = assemble(ledger)
     kept = _rows_kept(ledger, matrices)
     if not proves(ledger.proof["M"], matrices.M.kept(kept, kept)):

@@ -178,7 +178,8 @@ class Algebraic:
 class Ledger:
     """A certificate of format 2. `P` and `gamma` are lower rows; P has one entry a row where it is diagonal.
 
-    P is over the states and the values of `inside`, channels.
+    P is over the states and the values of `inside`, channels. `identity` lists (i, j, sigma) with entries i >= j of
+    (x, s): the sum of all 2 sigma zeta_i zeta_j is zero.
     """
 
     claim: str
@@ -204,6 +205,7 @@ class Ledger:
     outputs: Outputs | None
     proof: Mapping[str, Factor | Root]
     algebraic: Algebraic | None = None
+    identity: tuple[tuple[int, int, Fraction], ...] = ()
 
     @property
     def has_slopes(self) -> bool:

@@ -1,0 +1,163 @@
+"""Identities: a form over (x, s) that is zero for every x, since the functions that it reads are polynomials.
+
+Section 12 of the specification (docs/ledger.md): every coefficient of the form, expanded exactly, is compared with 0.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+
+from flint import fmpq
+
+from persid_check.exact import Matrix, Number, scattered
+from persid_check.expression import Program
+from persid_check.ledger.values import Ledger
+from persid_check.results import NotProvedError
+from persid_check.work import spend
+
+MAX_DEGREE = 16  # of a function that an identity reads
+MAX_BITS = 2**15  # of the numbers of its coefficients
+BITS_A_STEP = 1024
+WHERE = "facts.identity"
+
+Monomial = tuple[int, ...]  # the states in it, rising, each as often as its power says
+Terms = dict[Monomial, fmpq]
+Polynomial = Mapping[Monomial, fmpq]  # without zero coefficients
+Coefficients = list[fmpq]  # of y^0, y^1, ...
+
+
+def prove_identity(ledger: Ledger) -> None:
+    """Prove that sum 2 sigma zeta_i zeta_j over the entries of the identity is zero for every x.
+
+    Raises:
+        NotProvedError: a function is not a polynomial, the point is not known exactly, or a coefficient is not zero.
+    """
+    if not ledger.identity:
+        return
+    if ledger.model.algebraic or ledger.model.is_discrete:
+        raise NotProvedError(WHERE, "a model with algebraic variables, or in discrete time, has none")
+    if ledger.ball is not None and ledger.ball.radius:
+        raise NotProvedError(WHERE, "the operating point is not known exactly: its radius is not 0")
+    entries = {i: _entry(ledger, i) for i in sorted({place for i, j, _ in ledger.identity for place in (i, j)})}
+    beside: dict[int, Terms] = {}
+    for i, j, sigma in ledger.identity:
+        _add(beside.setdefault(i, {}), entries[j], {(): _exact(sigma)})
+    total: Terms = {}
+    for i, partner in beside.items():
+        _add(total, entries[i], _without_zeros(partner))
+    if left := _without_zeros(total):
+        place = " ".join(ledger.model.states[i] for i in min(left)) or "1"
+        raise NotProvedError(WHERE, f"it is not zero: the coefficient of {place} is not")
+
+
+def form_of_identity(ledger: Ledger, size: int) -> Matrix:
+    """Return the form sum 2 sigma zeta_i zeta_j, over zeta of `size` entries."""
+    lower = [(i, j, 2 * sigma if i == j else sigma) for i, j, sigma in ledger.identity]
+    return scattered(size, size, [*lower, *((j, i, sigma) for i, j, sigma in lower if i != j)])
+
+
+def _entry(ledger: Ledger, i: int) -> Polynomial:
+    """Return entry i of (x, s) as a polynomial of x, which is less x* from here on."""
+    model, ball = ledger.model, ledger.ball
+    if i < model.n:
+        return {(i,): fmpq(1)}
+    channel = model.channels[i - model.n]
+    spend(len(channel.row) + 1)
+    coefficients = _coefficients(channel.program)
+    y: Polynomial = {(k,): _exact(r) for k, r in channel.row.items() if r}
+    if ball is not None:
+        at = sum((r * (ball.x[k] - model.x_ref[k]) for k, r in channel.row.items()), Fraction(0))
+        moved = _value(coefficients, {(): _exact(at), (0,): fmpq(1)} if at else {(0,): fmpq(1)})
+        coefficients = [fmpq(0), *(moved.get((0,) * k, fmpq(0)) for k in range(1, len(coefficients)))]
+    return _value(coefficients, y)
+
+
+def _value(coefficients: Sequence[fmpq], y: Polynomial) -> Polynomial:
+    """Return sum c_k y^k, by Horner's rule."""
+    total: Polynomial = {}
+    for c in reversed(coefficients):
+        product: Terms = {(): c}
+        _add(product, total, y)
+        total = _without_zeros(product)
+    return total
+
+
+def _add(total: Terms, a: Polynomial, b: Polynomial) -> None:
+    """Add a b to a total."""
+    spend(len(a) * len(b) * (1 + (_bits(a.values()) + _bits(b.values())) // BITS_A_STEP))
+    for first, v in a.items():
+        for second, w in b.items():
+            monomial = tuple(sorted(first + second))
+            total[monomial] = total.get(monomial, fmpq(0)) + v * w
+
+
+def _without_zeros(total: Terms) -> Polynomial:
+    return {monomial: value for monomial, value in total.items() if value}
+
+
+def _exact(value: Number) -> fmpq:
+    return fmpq(*value.as_integer_ratio())
+
+
+def _bits(values: Iterable[fmpq]) -> int:
+    return max((int(abs(v.p)).bit_length() + int(v.q).bit_length() for v in values), default=0)
+
+
+def _coefficients(program: Program) -> Coefficients:
+    """Return the coefficients of a program that is a polynomial."""
+    stack: list[Coefficients] = []
+    for step in program:
+        if step.name == "number" and step.value is not None:
+            found = [_exact(step.value)]
+        elif step.name == "x":
+            found = [fmpq(0), fmpq(1)]
+        elif step.name == "neg":
+            found = [-v for v in stack.pop()]
+        elif step.name == "**":
+            found = _power(stack.pop(), step.value or Fraction(0))
+        elif step.name in ("+", "-", "*", "/"):
+            second, first = stack.pop(), stack.pop()
+            found = _combined(step.name, first, second)
+        else:
+            raise NotProvedError(WHERE, f"a channel's function is not a polynomial: {step.name}")
+        stack.append(_short(found))
+    return stack.pop()
+
+
+def _combined(name: str, first: Coefficients, second: Coefficients) -> Coefficients:
+    if name == "*":
+        return _product(first, second)
+    if name == "/":
+        if len(second) > 1 or second[0] == 0:
+            raise NotProvedError(WHERE, "a channel's function is not a polynomial: it divides by one, or by 0")
+        return [v / second[0] for v in first]
+    size = max(len(first), len(second))
+    a, b = (each + [fmpq(0)] * (size - len(each)) for each in (first, second))
+    return [v + w if name == "+" else v - w for v, w in zip(a, b, strict=True)]
+
+
+def _power(base: Coefficients, exponent: Fraction) -> Coefficients:
+    if exponent.denominator != 1 or exponent < 1:
+        raise NotProvedError(WHERE, "a channel's function is not a polynomial: a power of it is not 1, 2, 3, ...")
+    total = base
+    for _ in range(int(exponent) - 1):
+        total = _short(_product(total, base))
+    return total
+
+
+def _product(a: Coefficients, b: Coefficients) -> Coefficients:
+    spend(len(a) * len(b) * (1 + (_bits(a) + _bits(b)) // BITS_A_STEP))
+    total = [fmpq(0)] * (len(a) + len(b) - 1)
+    for i, v in enumerate(a):
+        for j, w in enumerate(b):
+            total[i + j] += v * w
+    return total
+
+
+def _short(found: Coefficients) -> Coefficients:
+    """Refuse what has too high a degree or too long numbers; zeros at the end are cut."""
+    spend(len(found))
+    while len(found) > 1 and found[-1] == 0:
+        found = found[:-1]
+    if len(found) > MAX_DEGREE + 1 or _bits(found) > MAX_BITS:
+        raise NotProvedError(WHERE, f"a channel's degree is more than {MAX_DEGREE}, or its coefficients are too long")
+    return found
