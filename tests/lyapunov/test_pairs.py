@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
+from persid.lyapunov import pairs
 from persid.lyapunov.pairs import Problem, combine, lengths, pairings, sandwich, schur
 from random_problems import random_assembly
 
 SEEDS = (0, 2, 4, 5)  # diagonal and full P, general rows, a dropped state
+FORMED = pytest.mark.parametrize("formed", [0, pairs.FORMED])  # as the pairs of large problems, and as small matrices
 
 
 def _positive(order: int, seed: int) -> ndarray:
@@ -18,13 +20,15 @@ def _positive(order: int, seed: int) -> ndarray:
 def _dense(problem: Problem) -> list[ndarray]:
     D = np.vstack([problem.S.toarray(), problem.H])
     tie = np.eye(len(problem.p)) if problem.tie is None else problem.tie.toarray()
-    pairs = [np.outer(D[p], D[q]) + np.outer(D[q], D[p]) for p, q in zip(problem.p, problem.q, strict=True)]
-    return list(np.tensordot(tie.T, np.array(pairs), axes=1))
+    single = [np.outer(D[p], D[q]) + np.outer(D[q], D[p]) for p, q in zip(problem.p, problem.q, strict=True)]
+    return list(np.tensordot(tie.T, np.array(single), axes=1))
 
 
+@FORMED
 @pytest.mark.parametrize("seed", SEEDS)
-def test_products_with_one_matrix(seed: int) -> None:
+def test_products_with_one_matrix(seed: int, formed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums, pairings and D M D' are what the dense matrices give, and no pairing exceeds its lengths."""
+    monkeypatch.setattr(pairs, "FORMED", formed)
     problem = random_assembly(seed).problem
     F, M = _dense(problem), _positive(problem.order, seed)
     y = np.random.default_rng(seed).normal(size=len(F))
@@ -35,14 +39,17 @@ def test_products_with_one_matrix(seed: int) -> None:
     assert (np.abs(pairings(problem, M)) <= (1 + 1e-9) * lengths(problem, M)).all()
 
 
+@FORMED
 @pytest.mark.parametrize("seed", SEEDS)
-def test_schur_complement(seed: int) -> None:
+def test_schur_complement(seed: int, formed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The lower triangle of the Schur complement is tr(F_k X F_l V), for the pairs and for the entries of P."""
+    monkeypatch.setattr(pairs, "FORMED", formed)
     problem = random_assembly(seed).problem
     F, X, V = _dense(problem), _positive(problem.order, 1), _positive(problem.order, 2)
     wanted = [[np.trace(f @ X @ g @ V) for g in F] for f in F]
-    made = schur(problem, sandwich(problem, X), sandwich(problem, V))
+    made = schur(problem, X, V)
     np.testing.assert_allclose(np.tril(made), np.tril(wanted), rtol=1e-8, atol=1e-8)
+    assert (problem._formed is not None) == bool(formed)
     E, of = [problem.triangle.matrix(unit) for unit in np.eye(problem.free)], problem.triangle
     U, W = _positive(problem.symmetric, 3), _positive(problem.symmetric, 4)
     wanted = np.array([[np.trace(e @ U @ f @ W) for f in E] for e in E]).reshape(len(E), len(E))

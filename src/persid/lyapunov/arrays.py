@@ -98,7 +98,10 @@ class Host:
         return bool(sla.lapack.dpotrf(M, lower=1, clean=0)[1] == 0)
 
     def smallest(self, M: np.ndarray) -> float:
-        return float(np.linalg.eigvalsh(M)[0])
+        values, _, _, _, failed = sla.lapack.dsyevr(M, compute_v=0, range="I", il=1, iu=1)
+        if failed:
+            raise sla.LinAlgError("no eigenvalues")
+        return float(values[0])
 
     def solver(self, M: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         factor, failed = sla.lapack.dpotrf(M.T, lower=0, clean=0, overwrite_a=1)  # M' is in LAPACK's order

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from persid.lyapunov.arrays import Array, Arrays
-from persid.lyapunov.pairs import Problem, combine, lengths, pairings, sandwich, schur
+from persid.lyapunov.pairs import Problem, combine, lengths, pairings, schur
 
 SHARE = 0.95  # of the way to the boundary that a step goes
 CLOSELY, ROUGHLY = 0.02, 0.2  # relative errors of the way to the boundary, in a step and in its prediction
@@ -237,7 +237,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     problem, free, c, of = state.problem, state.problem.free, state.problem.costs, state.problem.arrays
     xp, ratio = of.xp, state.x / state.s
     Z_inverse, P_inverse = _inverse(state.halves[2]), _inverse(state.halves[3])
-    M = schur(problem, sandwich(problem, state.X), sandwich(problem, Z_inverse))
+    M = schur(problem, state.X, Z_inverse)
     M[:free, :free] += problem.triangle.schur(state.U, P_inverse)
     M = of.add_to_diagonal(M, xp.concat([xp.zeros_like(c[:free]), ratio]))
     back = _factored(of, M)

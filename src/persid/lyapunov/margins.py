@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.linalg import null_space
-from scipy.optimize import minimize
 
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.rates import Question
@@ -28,7 +27,8 @@ TOLERANCE = 1e-6  # relative, of the complex stability radius
 NEAREST = 1e-3  # widths from x*: nearer by, the ratio is that of the Jacobian, which the radius bounds
 RADII = 24  # distances from x* at which a search for another place of rest begins
 DIRECTIONS = 16
-DESCENTS = 4  # local searches from the best of these
+DESCENTS = 12  # local searches from the best of these
+NEARER = 60  # rounds of these: to the best of the points around, or nearer by where none is better
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,29 +116,32 @@ def resting_bound(
     if not basis.shape[1]:
         return np.inf
 
-    def ratio(s: Float[ndarray, " d"]) -> float:
-        size = float(np.linalg.norm(s))
-        if size < NEAREST:
-            return np.inf
-        x = x_star + width * (basis @ s)
-        if box is not None and not ((box[:, 0] <= x) & (x <= box[:, 1])).all():
-            return np.inf
+    def ratios(s: Float[ndarray, "N d"]) -> Float[ndarray, " N"]:
+        size, x = np.linalg.norm(s, axis=-1), x_star + width * (s @ basis.T)
+        meant = size >= NEAREST
+        if box is not None:
+            meant &= ((box[:, 0] <= x) & (x <= box[:, 1])).all(axis=-1)
         with np.errstate(all="ignore"):
-            rest = model.rhs(x, u) / width
-        value = float(np.linalg.norm(rest[residuals.free])) / size
-        return value if np.isfinite(value) else np.inf
+            value = np.linalg.norm((model.rhs(x, u) / width)[..., residuals.free], axis=-1) / size
+        return np.where(meant & np.isfinite(value), value, np.inf)
 
     rng = np.random.default_rng(0)
     d = basis.shape[1]
     directions = rng.normal(size=(DIRECTIONS * d, d))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    starts = [r * v for r in np.geomspace(10 * NEAREST, 10.0, RADII) for v in (*directions, *-directions)]
-    values = np.array([ratio(s) for s in starts])
-    best = float(values.min())
-    for k in np.argsort(values)[:DESCENTS]:
-        found = minimize(ratio, starts[k], method="Nelder-Mead", options={"maxfev": 200 * d})
-        best = min(best, float(found.fun))
-    return best
+    directions = np.vstack([directions, -directions])
+    starts = (np.geomspace(10 * NEAREST, 10.0, RADII)[:, None, None] * directions).reshape(-1, d)
+    values = ratios(starts)
+    best = starts[np.argsort(values)[:DESCENTS]]
+    reach, values = 0.3 * np.linalg.norm(best, axis=1), np.sort(values)[:DESCENTS]
+    for _ in range(NEARER):
+        around = best[:, None, :] + reach[:, None, None] * directions
+        tried = ratios(around.reshape(-1, d)).reshape(len(best), -1)
+        at, least = tried.argmin(axis=1), tried.min(axis=1)
+        better = least < values
+        best = np.where(better[:, None], np.take_along_axis(around, at[:, None, None], axis=1)[:, 0], best)
+        values, reach = np.minimum(values, least), np.where(better, reach, 0.6 * reach)
+    return float(values.min())
 
 
 def largest_margin(

@@ -16,7 +16,10 @@ from persid._files import Json
 from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
 
-STARTS = 64  # points from which Newton's method sets out, for up to 20 states
+STARTS = 160  # points from which the search sets out, for up to 20 states
+STEPS = 60  # from each of them
+LONGEST = 2.0  # in units
+CLOSE = 1e-10  # in units: no further step is worth while
 REACH = 4.0  # starts fill the box of the data, enlarged this many times about its centre
 
 
@@ -70,7 +73,7 @@ def find_operating_point(
         model: the model.
         u: the constant input, (m,), default u_ref.
         near: a state to sort by, and to set out from as well.
-        starts: how many points to set out from: by default 64 for up to 20 states, else 8.
+        starts: how many points to set out from: by default 160 for up to 20 states, else 8.
         seed: of the points.
 
     Raises:
@@ -84,11 +87,12 @@ def find_operating_point(
     u = model.u_ref if u is None else vector("u", u, model.m)
     centre = model.x_ref if near is None else vector("a state near the operating point", near, model.n)
     found, units = list[ndarray](), _units(model)
-    for start in _starts(model, centre, units, starts or (STARTS if model.n <= 20 else 8), seed):
-        with np.errstate(all="ignore"):
-            x = _newton(model, start, u, units)
-        if x is not None and not any(np.allclose(x, other, rtol=1e-6, atol=1e-8 * units) for other in found):
-            found.append(x)
+    starting = _starts(model, centre, units, starts or (STARTS if model.n <= 20 else 8), seed)
+    with np.errstate(all="ignore"):
+        for x in _distinct(_resting(model, starting, u, units), units):
+            polished = _polished(model, x, u, units)
+            if polished is not None and _is_new(polished, found, units):
+                found.append(polished)
     found.sort(key=lambda x: float(np.linalg.norm(x - centre)))
     proved = (prove(model, x, u) for x in found)
     return tuple(point for point in proved if point is not None)
@@ -118,7 +122,7 @@ def residual(
     return model.rhs(x, u) - x if model.is_discrete else model.rhs(x, u)
 
 
-def residual_slopes(model: PersidskiiModel, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
+def residual_slopes(model: PersidskiiModel, x: Float[ndarray, "*N n"]) -> Float[ndarray, "*N n n"]:
     """Return the derivatives of `residual` by x."""
     return model.jacobian(x) - np.eye(model.n) if model.is_discrete else model.jacobian(x)
 
@@ -146,20 +150,43 @@ def _starts(model: PersidskiiModel, centre: ndarray, units: ndarray, count: int,
     return np.vstack([centre, model.x_ref, near, far])
 
 
-def _newton(model: PersidskiiModel, start: ndarray, u: ndarray, units: ndarray) -> ndarray | None:
-    """Solve rhs(x, u) = 0 from a start by MINPACK's hybrid method in the given units, then polish by Newton steps."""
-    from scipy.optimize import root
+def _resting(
+    model: PersidskiiModel, starts: Float[ndarray, "N n"], u: ndarray, units: ndarray
+) -> Float[ndarray, "N n"]:
+    """Return where Newton's method for rhs(x, u) = 0 leads from all starts at once, no step longer than a few units.
 
-    if not residual(model, start, u).any():  # at rest, where slopes may be singular, as those of -x**3 at 0
-        return start
+    Steps uphill are allowed: they lead out of valleys of |rhs| where nothing rests, and to more equilibria.
+    """
+    v, identity = starts / units, np.eye(model.n)
+    for _ in range(STEPS):
+        r = _bounded(residual(model, units * v, u) / units)
+        J = _bounded(residual_slopes(model, units * v) * units / units[:, None])
+        shift = 1e-12 * np.abs(J).max(axis=(1, 2), initial=1e-300)  # so that none is exactly singular
+        d = np.linalg.solve(J + shift[:, None, None] * identity, -r[:, :, None])[:, :, 0]
+        length = np.abs(d).max(axis=1)
+        v = v + d * np.minimum(1.0, LONGEST / length)[:, None]
+        if not (length > CLOSE * (1 + np.abs(v).max(axis=1))).any():
+            break
+    return np.asarray(units * v)
 
-    def flow(v: ndarray) -> ndarray:
-        return _bounded(residual(model, units * v, u) / units)
 
-    def slopes(v: ndarray) -> ndarray:
-        return _bounded(residual_slopes(model, units * v) * units / units[:, None])
+def _distinct(points: Float[ndarray, "N n"], units: ndarray) -> list[ndarray]:
+    """Return those of the points that are not near one before them."""
+    found = list[ndarray]()
+    for x in points:
+        if _is_new(x, found, units):
+            found.append(x)
+    return found
 
-    x = units * root(flow, start / units, jac=slopes).x
+
+def _is_new(x: ndarray, found: Sequence[ndarray], units: ndarray) -> bool:
+    return not any((np.abs(x - other) <= 1e-6 * np.abs(other) + 1e-8 * units).all() for other in found)
+
+
+def _polished(model: PersidskiiModel, x: ndarray, u: ndarray, units: ndarray) -> ndarray | None:
+    """Return the equilibrium near x, by Newton's method; None where there is none."""
+    if not residual(model, x, u).any():  # at rest, where slopes may be singular, as those of -x**3 at 0
+        return x
     try:
         for _ in range(3):
             x = x - np.linalg.solve(residual_slopes(model, x), residual(model, x, u))

@@ -1,12 +1,13 @@
 """Matrices that are sums of pairs of rows, F = sum of d_p d_q' + d_q d_p', and what a solver needs of them.
 
-No F is ever formed: <F, M> for all of them comes from the rows of D M, sum_k y_k F_k from two sparse matrices, and the
-matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'. A problem is data of the host; what is computed
-with lives where its `arrays` say.
+No F is formed where they are large: <F, M> for all of them comes from the rows of D M, sum_k y_k F_k from two sparse
+matrices, and the matrix of tr(F_k X F_l V) from products of blocks of D X D' and D V D'. Where they are small a handful
+of entries costs less than a call does: all F are formed once, as the lines of one matrix. A problem is data of the
+host; what is computed with lives where its `arrays` say.
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -16,6 +17,8 @@ from scipy import sparse
 
 from persid.lyapunov.arrays import HOST, Array, Arrays
 from persid.lyapunov.triangle import Triangle, triangle
+
+FORMED = 2**16  # entries of all F together up to which they are formed, on the host
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,7 @@ class Problem:
     def whitened(self) -> "Problem":
         """Return the problem for z = C w: there the dual matrix X0 is I."""
         H = np.ascontiguousarray((self.C.T @ self.H.T).T)
-        return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=sparse.csr_array(sparse.eye_array(self.order)))
+        return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=_identity(self.order))
 
     @cached_property
     def _rows(self) -> tuple[Array, Array, Array, Array]:
@@ -81,6 +84,23 @@ class Problem:
     def triangle(self) -> Triangle:
         """The matrix P and its entries, where the arrays live."""
         return triangle(self.symmetric) if self.arrays is HOST else Triangle(self.symmetric, self.arrays)
+
+    @cached_property
+    def _dense(self) -> Float[ndarray, "r N"] | None:
+        """D = [S; H] of a small problem of the host; else None."""
+        small = self.arrays is HOST and len(self.cost) * self.order**2 <= FORMED
+        return np.concatenate([self.S.toarray(), self.H]) if small else None
+
+    @cached_property
+    def _formed(self) -> Float[ndarray, "J NN"] | None:
+        """All F of a small problem of the host, a line each; else None."""
+        N, J, D = self.order, len(self.cost), self._dense
+        if D is None:
+            return None
+        half = (D[self.p, :, None] * D[self.q, None, :]).reshape(len(self.p), N * N)
+        half = half if self.tie is None else self.tie.T @ half
+        F = half.reshape(J, N, N)
+        return np.ascontiguousarray(F + F.transpose(0, 2, 1)).reshape(J, N * N)
 
     @cached_property
     def _entries(self) -> tuple[Array, Array]:
@@ -131,8 +151,15 @@ class Problem:
         return (self.arrays.put(pairs), self.arrays.sparse(weights)) if len(pairs) else None
 
 
+@lru_cache(maxsize=64)
+def _identity(order: int) -> sparse.csr_array:
+    return sparse.csr_array(sparse.eye_array(order))
+
+
 def combine(problem: Problem, y: Float[Array, " J"]) -> Float[Array, "N N"]:
     """Return sum_k y_k F_k."""
+    if problem._formed is not None:
+        return (y @ problem._formed).reshape(problem.order, problem.order)
     xp, N = problem.arrays.xp, problem.order
     weights = y if problem.tie is None else problem._ties[0] @ y
     pairs, products = problem._inside
@@ -157,6 +184,8 @@ def sandwich(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, "r r"]:
 
 def pairings(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:
     """Return <F_k, M> for every unknown, M symmetric."""
+    if problem._formed is not None:
+        return problem._formed @ M.reshape(-1)
     place, sums = problem._entries
     products = 2 * (sums @ _taken(problem, _product(problem, M), place))
     return products if problem.tie is None else problem._ties[1] @ products
@@ -169,19 +198,32 @@ def _taken(problem: Problem, M: Array, place: Array) -> Array:
 
 def lengths(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:
     """Return 2 |d_p| |d_q|, summed over the pairs of every unknown, in the norm of M > 0: at least |<F_k, M>|."""
-    xp, (S, H, p, q), (place, sums) = problem.arrays.xp, problem._rows, problem._own
-    squares = xp.concat([sums @ _taken(problem, S @ M, place), xp.sum((H @ M) * H, axis=1)])
+    xp, (_, _, p, q) = problem.arrays.xp, problem._rows
+    squares = _squares(problem, M)
     norms = xp.sqrt(xp.where(squares > 0, squares, xp.zeros_like(squares)))
     products = 2 * xp.take(norms, p) * xp.take(norms, q)
     return products if problem.tie is None else problem._ties[2] @ products
 
 
-def schur(problem: Problem, Y: Float[Array, "r r"], V: Float[Array, "r r"]) -> Float[Array, "J J"]:
-    """Return the matrix of tr(F_k X F_l Z^-1), Y = D X D', V = D Z^-1 D'; its lower triangle, all that is read.
+def _squares(problem: Problem, M: Array) -> Array:
+    """Return d'M d for every row d of D."""
+    if problem._dense is not None:
+        return ((problem._dense @ M) * problem._dense).sum(axis=1)
+    xp, (S, H, _, _), (place, sums) = problem.arrays.xp, problem._rows, problem._own
+    return xp.concat([sums @ _taken(problem, S @ M, place), xp.sum((H @ M) * H, axis=1)])
+
+
+def schur(problem: Problem, X: Float[Array, "N N"], V: Float[Array, "N N"]) -> Float[Array, "J J"]:
+    """Return the matrix of tr(F_k X F_l V), X and V symmetric; its lower triangle, all that is read.
 
     The next call for the same problem overwrites it.
     """
+    if problem._formed is not None:
+        shape, lines = (len(problem.cost), -1), problem._formed.reshape(-1, problem.order)
+        transposed = (lines @ V).reshape(-1, problem.order, problem.order).transpose(0, 2, 1)
+        return (lines @ X).reshape(shape) @ transposed.reshape(shape).T
     _, _, p, q = problem._rows
+    Y, V = sandwich(problem, X), sandwich(problem, V)
     M = pair_products(p, q, Y, V, problem._square, problem.arrays.block)
     return M if problem.tie is None else tied(M, problem._ties[1])
 

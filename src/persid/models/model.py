@@ -212,15 +212,15 @@ class PersidskiiModel:
             dot = dot + term.values(dx) @ term.A.T
         return np.asarray(dot if u is None else dot + (np.asarray(u, float) - self.u_ref) @ self.B.T)
 
-    def jacobian(self, x: Float[ndarray, " n"]) -> Float[ndarray, "n n"] | Sparse:
-        """Return the matrix of derivatives of x' by x at one state, in 1/s; a sparse one for a sparse model.
+    def jacobian(self, x: Float[ndarray, "*N n"]) -> Float[ndarray, "*N n n"] | Sparse:
+        """Return the matrix of derivatives of x' by x at one state or many, in 1/s; a sparse model at one, sparse.
 
         In discrete time they are those of the state after one step.
         """
         dx = np.asarray(x, float) - self.x_ref
-        J: Any = self.A0.copy()
+        J: Any = self.A0.copy() if self.is_sparse else np.broadcast_to(self.A0, (*dx.shape, self.n)).copy()
         for term in self.terms:
-            scaled = term.A * term.derivatives(dx)
+            scaled = term.A * term.derivatives(dx)[..., None, :]
             J = J + (scaled if term.R is None else scaled @ term.R)
         if self.is_sparse:
             J = csc_array(J)
