@@ -43,7 +43,10 @@ def line(name: str, data: ps.Trajectories, options: dict[str, object]) -> str:
     margin = verdict.margin
     known = fit._known(data)
     measured = measured_residuals(margin.certificate.model, margin, known, fit.hold)
-    told = [f"delta {margin.delta:.4g} of radius {margin.radius:.4g}, rest {margin.resting:.4g}", inside(measured, margin)]
+    told = [
+        f"delta {margin.delta:.4g} of radius {margin.radius:.4g}, rest {margin.resting:.4g}",
+        inside(measured, margin),
+    ]
     try:
         told.append(str(ps.plant_margin(fit, verdict, data)))
     except ps.PersidError as error:
