@@ -27,16 +27,36 @@ FIT = ["--states", "x", "--inputs", "u", "--functions", "x,tanh(x)"]
 
 
 def test_the_error_of_a_logarithm_offers_the_option(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Where EDMD has no logarithm the command line says --discrete, in its own words."""
+    """Where EDMD has no logarithm the command line says --time discrete, in its own words."""
     assert cli.main(["identify", "data.csv", *FIT, "--method", "edmd", "-o", "m.json"]) == 2
     said = capsys.readouterr().err
-    assert "--discrete" in said
+    assert "--time discrete" in said
     assert "time=" not in said
 
 
+@pytest.mark.parametrize("order", [["t", "discrete"], ["discrete", "t"]])
+def test_a_column_of_the_time_may_be_named_beside_it(
+    order: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """--time says the column and discrete time, in any order; two columns are refused."""
+    both = [part for word in order for part in ("--time", word)]
+    assert cli.main(["identify", "data.csv", *FIT, *both, "--stride", "2", "-o", "m.json"]) == 0
+    model = ps.load_model("m.json")
+    assert model.dt == pytest.approx(0.2)
+    assert cli.main(["identify", "data.csv", *FIT, *both, "--time", "x", "-o", "m.json"]) == 2
+    assert "--time names 2 columns" in capsys.readouterr().err
+
+
+def test_discrete_time_goes_with_states(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A model of inputs and outputs is one in continuous time: the option is refused, not ignored."""
+    asked = ["run", "data.csv", "--outputs", "x", "--inputs", "u", "--time", "discrete", "-o", "out"]
+    assert cli.main(asked) == 2
+    assert "--time discrete goes with --states" in capsys.readouterr().err
+
+
 def test_a_run_in_discrete_time(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """run --discrete fits, certifies and reports; the report is made again, and the model scored on a file."""
-    assert cli.main(["run", "data.csv", *FIT, "--discrete", "--stride", "1", "-o", "out"]) == 0
+    """run --time discrete fits, certifies and reports; the report is made again, and the model scored on a file."""
+    assert cli.main(["run", "data.csv", *FIT, "--time", "discrete", "--stride", "1", "-o", "out"]) == 0
     said = capsys.readouterr().out
     assert "one-step form" in said
     assert "a step is 1 sample(s), 0.1 s" in said

@@ -49,7 +49,7 @@ def test_a_circuit_is_certified_and_foretells_its_node(folder: Path, capsys: pyt
     [
         (["--method", "sindy"], "sindy"),
         (["--refine"], "--refine does not go with --algebraic"),
-        (["--discrete"], "--discrete does not go with --algebraic"),
+        (["--time", "discrete"], "--time discrete does not go with --algebraic"),
         (["--algebraic", "v"], "name a column twice"),
         (["--algebraic", "nodes"], "did you mean 'node'"),
         (["--domain", "-1,1"], "domain"),

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import persid as ps
 from persid.errors import PersidError
+from persid_check import check
 
 
 def _model(A0: object, terms: object = (), B: object = None, **more: object) -> ps.PersidskiiModel:
@@ -148,3 +149,56 @@ def test_steps_are_not_rates() -> None:
     assert isinstance(ps.certify(_model([[-2.0]], terms, [[1.0]])), ps.Refuted)
     assert ps.certify(_model([[0.5]], (), [[1.0]])).is_certified
     assert isinstance(ps.certify(ps.PersidskiiModel([[0.5]], (), [[1.0]])), ps.Refuted)
+
+
+@pytest.mark.parametrize("share", [0.8, 0.95])
+def test_products_across_neurons_certify_a_network_that_forms_of_each_leave_undecided(share: float) -> None:
+    """A network of four neurons has no V by sectors and slopes of each alone; differences of two give one."""
+    model = _network(share, n=4, seed=3)
+    verdict = ps.certify(model)
+    assert verdict.is_certified
+    assert [a.outcome for a in verdict.attempts if a.what.startswith("global Lyapunov function")] == [
+        "not_found",
+        "not_found",
+    ]
+    content = json.loads(verdict.certificate.data)
+    assert content["facts"]["difference"]
+    alone = content["facts"] | {"difference": []}
+    assert isinstance(check(json.dumps(content | {"facts": alone}).encode()), ps.Rejected)
+    assert verdict.best_rate <= -np.log(share) / 0.1
+    t, rng = 0.1 * np.arange(100), np.random.default_rng(0)
+    for size in (0.0, 1.0):
+        x0, u = 4 * rng.normal(size=4), size * rng.choice([-0.5, 0.5], (100, 4))
+        run = model.simulate(x0, t, u)[0]
+        assert (np.linalg.norm(run.x, axis=1) <= verdict.certificate.bound(x0, size, t) * (1 + 1e-12)).all()
+
+
+def _growth(W: np.ndarray) -> float:
+    """The largest growth a step of x+ = W relu(x), which is homogeneous, in long runs."""
+    x, total = np.random.default_rng(1).normal(size=(2000, len(W))), np.zeros(2000)
+    for _ in range(300):
+        x = np.maximum(x, 0) @ W.T
+        size = np.linalg.norm(x, axis=1) + 1e-300
+        x, total = x / size[:, None], total + np.log(size)
+    return float(np.exp(total.max() / 300))
+
+
+@pytest.mark.parametrize("f", ["tanh(x)", "relu(x)"])
+@pytest.mark.long
+def test_networks_of_equal_neurons_are_certified_near_their_limit(f: str) -> None:
+    """Of eight neurons at .95 of the spectral radius 1; none is where the rest state is unstable, or relu grows."""
+    for seed in range(3):
+        W = np.random.default_rng(seed).normal(size=(8, 8))
+        W /= np.abs(np.linalg.eigvals(W)).max()
+        limit = 1.0 if f == "tanh(x)" else 1 / _growth(W)
+        inside, outside = (_model(np.zeros((8, 8)), [(f, None, g * W)], np.eye(8)) for g in (0.95, 1.03 * limit))
+        assert ps.certify(inside).is_certified
+        assert not ps.certify(outside).is_certified
+
+
+def test_a_rate_that_is_asked_for_is_proved_across_neurons() -> None:
+    """Rates and gains for each input come from products across neurons, too."""
+    model = _network(0.95, n=4, seed=3)
+    verdict = ps.certify(model, rate=0.4, gains="each")
+    assert 0.4 <= verdict.certificate.rate <= -np.log(0.95) / 0.1
+    assert len(verdict.certificate.gains) == 4

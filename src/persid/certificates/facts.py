@@ -127,7 +127,8 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     side, inner = M[np.ix_(kept, inputs)], M[np.ix_(kept, kept)]
     scale = 1 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
     scaled = scale[:, None] * side
-    stored, largest = _gamma(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled), each)
+    own = floats(matrices.M.kept(inputs, inputs) + -matrices.gamma)  # what steps and slopes have of the inputs alone
+    stored, largest = _gamma(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled) - own, each)
     found = {"gamma": stored, "p": rounded(_floor(_least(Pt, n)))}
     if not regional:
         return found if ledger.kappa else {"gamma": stored}

@@ -9,6 +9,7 @@ from click.core import ParameterSource
 from persid._files import Json
 from persid.commands.console import Talk
 from persid.commands.exit_codes import EXIT, kept, time_unit, uninterrupted, verdict_rows
+from persid.commands.options import DISCRETE
 from persid.commands.outputs import Asked
 from persid.errors import DataError
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from persid.verdicts.options import AskedAtRate
 
 TAKEN = ("functions", "ridge", "x_ref", "scale", "pattern", "constant", "hold")  # of the options of a fit
-REFUSED = ("method", "refine", "select", "price", "margin", "discrete", "stride", "derivatives", "delays", "window",
+REFUSED = ("method", "refine", "select", "price", "margin", "stride", "derivatives", "delays", "window",
            "instruments", "velocities", "shared", "allow_underdetermined", "outputs")  # fmt: skip
 RIDGE = 1e-8  # where none is given, as of DescriptorIdentifier
 
@@ -34,7 +35,13 @@ def refuse_others() -> None:
 
 
 def equation_options(chosen: Json) -> Json:
-    """Return what DescriptorIdentifier takes of the options of a fit."""
+    """Return what DescriptorIdentifier takes of the options of a fit.
+
+    Raises:
+        click.UsageError: discrete time was asked for.
+    """
+    if chosen["time"] == DISCRETE:
+        raise click.UsageError("--time discrete does not go with --algebraic")
     taken = {name: chosen[name] for name in TAKEN}
     return taken | {"ridge": RIDGE if taken["ridge"] == "auto" else taken["ridge"]}
 

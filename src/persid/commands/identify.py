@@ -25,6 +25,7 @@ from persid.commands.exit_codes import (
     verdict_rows,
 )
 from persid.commands.options import (
+    DISCRETE,
     MEASUREMENTS,
     NEW_FILE,
     NEW_FOLDER,
@@ -129,7 +130,8 @@ def run(
         wanted = Asked(data, tuple(test), {**how, "algebraic": algebraic}, fit, _command())
         return run_equations(wanted, question(operating_point, u_op, domain, time_limit, rate), output, talk)
     if outputs is not None:
-        fit_options(how)
+        if fit_options(how)["time"] == DISCRETE:
+            raise click.UsageError("--time discrete goes with --states")
         if rate is not None:
             raise click.UsageError("--rate goes with --states; with --outputs give --min-rate")
         fitting = {**unmeasured, "time_limit": time_limit}

@@ -208,11 +208,19 @@ talking = together(
     click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
 )
 states = click.option("--states", type=Names(), required=True, help="Columns of the states, such as x1,x2.")
-columns = together(
-    click.option("--inputs", type=Names(), default=[], help="Columns of the inputs, such as u."),
-    click.option("--time", metavar="NAME",
-                 help='Column of the time, dates or numbers; without it, one named like a time. "t [h]" says the unit '
-                      "where the column does not."),
+inputs = click.option("--inputs", type=Names(), default=[], help="Columns of the inputs, such as u.")
+COLUMN = (
+    'Column of the time, dates or numbers; without it, one named like a time. "t [h]" says the unit where the column '
+    "does not."
+)
+DISCRETE = "discrete"
+time = click.option("--time", metavar="NAME", help=COLUMN)
+times = click.option(
+    "--time", metavar="NAME|discrete", multiple=True,
+    help=COLUMN + " The word discrete, in its place or beside it in a second --time, asks for discrete time: the state "
+    "one step later, straight from samples, without a logarithm.",
+)  # fmt: skip
+cells = together(
     click.option("--dt", type=float, help="Sampling step in s, where there is no column of time."),
     click.option("--gap", type=float, help="Step in s above which a new run starts; by default ten median steps."),
     click.option("--missing", type=click.Choice(MISSING), default="error", show_default=True,
@@ -223,14 +231,16 @@ columns = together(
                  help='Dead time of an input, such as u=2.0 in s, or "u=2 min": u(t - 2) then stands beside x(t).'),
     click.option("--run-column", "run", metavar="NAME", help="Column that tells runs apart."),
 )  # fmt: skip
-reading = together(states, columns)
+columns = together(inputs, time, cells)
+columns_of_fit = together(inputs, times, cells)
+reading = together(states, columns_of_fit)
 measuring = together(
     click.option("--states", type=Names(), help="Columns of the states, such as x1,x2."),
     click.option("--outputs", type=Names(), help="Columns of the outputs, where the state was not measured."),
     click.option("--algebraic", type=Names(),
                  help="With --states: columns of algebraic variables, without a derivative; --functions and --pattern "
                       "then count them behind the states."),
-    columns,
+    columns_of_fit,
     click.option("--order", type=Auto(), help="With --outputs: number of states; by default it is chosen."),
     click.option("--neurons", type=Auto(), help="With --outputs: number of neurons; by default it is chosen."),
     click.option("--activation", type=click.Choice(["tanh", "softsign", "arctan"]),
@@ -283,8 +293,6 @@ fitting = together(
                       "to certify and fits less well."),
     click.option("--method", type=click.Choice(METHODS), default="weak", show_default=True,
                  help="Integrals over windows; smoothed derivatives; or the Koopman matrix and its logarithm."),
-    click.option("--discrete", is_flag=True,
-                 help="Discrete time: the state one step later, straight from samples, without a logarithm."),
     click.option("--stride", type=Given(Count("samples")), default="auto", show_default=True,
                  help="Samples of one step in discrete time; auto chooses by free runs."),
     click.option("--hold", type=click.Choice(["zoh", "paper"]), default="zoh", show_default=True,
@@ -314,8 +322,16 @@ FIT_OPTIONS = ("stride", "hold", "derivatives", "delays", "window", "x_ref", "sc
 
 
 def fit_options(how: Chosen) -> Chosen:
-    """Take the options of a fit that commands hand through out of all options."""
-    time = "discrete" if how.pop("discrete") else "continuous"
+    """Take the options of a fit that commands hand through out of all options; the column of the time stays there.
+
+    Raises:
+        click.UsageError: several columns were given.
+    """
+    names = [name for name in how["time"] if name != DISCRETE]
+    if len(names) > 1:
+        raise click.UsageError(f"--time names {len(names)} columns; give one, and the word discrete beside it or not")
+    time = DISCRETE if DISCRETE in how["time"] else "continuous"
+    how["time"] = names[0] if names else None
     return {"time": time, **{name: how.pop(name) for name in FIT_OPTIONS}}
 
 

@@ -29,7 +29,7 @@ def as_given() -> list[str]:
 
 def spoken(text: str) -> str:
     """Return a sentence of the library as the command line says it: missing="drop" becomes --missing drop."""
-    text = text.replace('time="discrete"', "--discrete").replace('scope="regional"', "--domain data")
+    text = text.replace('scope="regional"', "--domain data")
     return ARGUMENT.sub(_option, text)
 
 

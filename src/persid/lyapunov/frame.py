@@ -1,4 +1,4 @@
-"""The one matrix of the ledger (docs/ledger.md, section 5), with exact coefficients: facts of any kind, any rows.
+"""The one matrix of the ledger (docs/ledger.md, sections 5 and 10), exactly: facts of any kind, any rows.
 
 With zeta = (x, s, v), x' = G zeta and half the gradient of V equal to E'zeta,
 
@@ -6,6 +6,8 @@ With zeta = (x, s, v), x' = G zeta and half the gradient of V equal to E'zeta,
 
 Every unknown is a sum of pairs of rows, in M and in Pt, just as in `inequality`; a pair (p, q) stands for p q' + q p':
     P_ij: (e_i, -g_j - kappa/2 e_j) and its mirror image,     mu: (l'N, -r'G - kappa c r),     tau: (p, -q).
+In discrete time, x+ = G zeta, there is no mu, and M = Gamma + (1 - kappa) I_x P I_x' - G'P G - sum tau (p q' + q p'):
+    P_ij: ((1 - kappa) e_i, e_j) and (-g_i, g_j).
 An equation 0 = h'zeta of a model with algebraic variables has a multiplier for every entry of zeta: (e_i, -h).
 With slopes, P is over z = (x, values of functions) and zeta = (x, s, sigma, v), z' = (G zeta, sigma).
 Rows are kept as fractions: which of their products cancel is a question with an exact answer (`zero_rows`).
@@ -43,7 +45,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A model about a point: x' = G zeta over x, the channels of the points, and v, with the points.
+    """A model about a point: x' = G zeta, or x+ = G zeta, over x, the channels of the points, and v, with the points.
 
     Of a model with algebraic variables x are all variables, and the last rows of G are equations, 0 = H zeta.
 
@@ -155,6 +157,17 @@ class Frame:
                 yield Unknown(("equation", h - self.order, i), (({i: _ONE}, down),), multiplier=False)
 
     def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
+        return self._stepped(kappa) if self.model.is_discrete else self._flowing(kappa)
+
+    def _stepped(self, kappa: Fraction) -> Iterator[Unknown]:
+        """What (1 - kappa) x'P x - x+'P x+ holds of each entry of P."""
+        for i, j in combinations_with_replacement(self.z, 2):
+            share = _HALF if i == j else _ONE
+            down = {k: -share * v for k, v in self.flow[i].items()}
+            pairs = ({i: (1 - kappa) * share}, {j: _ONE}), (down, self.flow[j])
+            yield Unknown(("P", i, j), pairs, (({i: share}, {j: _ONE}),), multiplier=False)
+
+    def _flowing(self, kappa: Fraction) -> Iterator[Unknown]:
         unit = {i: self.unit(i) for i in self.z}
         down = {i: self.along(row, kappa / 2) for i, row in unit.items()}
         for i, j in combinations_with_replacement(self.z, 2):
@@ -166,7 +179,7 @@ class Frame:
                 yield Unknown(("P", i, j), pairs, ((unit[i], unit[j]),), multiplier=False)
 
     def _densities(self, kappa: Fraction) -> Iterator[Unknown]:
-        for p, point in enumerate(self.points):
+        for p, point in enumerate(() if self.model.is_discrete else self.points):
             if any(i >= self.order for i in point.row):
                 continue
             for k, form in enumerate(point.forms):

@@ -135,7 +135,8 @@ class Candidate:
         if least <= 0 or np.linalg.eigvalsh(M[:k, :k])[0] <= 1e-13 * np.abs(M[:k, :k]).max():
             return np.inf
         side = M[:k, k:] / self.matrices.units[frame.entries :]
-        worst = np.linalg.eigvalsh(side.T @ np.linalg.solve(M[:k, :k], side))[-1] if side.shape[1] else 0.0
+        own = M[k:, k:] / self.matrices.units[frame.entries :] / self.matrices.units[frame.entries :, None]
+        worst = np.linalg.eigvalsh(side.T @ np.linalg.solve(M[:k, :k], side) - own)[-1] if side.shape[1] else 0.0
         return float(max(worst, 0.0)) * self.matrices.rate / least
 
 
@@ -167,7 +168,10 @@ def system_of(frame: Frame) -> System:
         line = np.zeros(frame.n)
         line[list(point.row)] = [float(v) for v in point.row.values()]
         found.append(Group(line, point.channels, point.channels, point.curve))
-    return System(G[:, : frame.entries], G[:, frame.entries :], tuple(found), tuple(range(frame.n)), channels)
+    return System(
+        G[:, : frame.entries], G[:, frame.entries :], tuple(found), tuple(range(frame.n)), channels,
+        frame.model.is_discrete,
+    )  # fmt: skip
 
 
 def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Candidate | None:

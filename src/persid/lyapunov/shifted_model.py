@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.lyapunov import decay
 from persid.lyapunov.arrays import HOST, Arrays
 from persid.lyapunov.integrals import lower_constants, proves_lower, proves_upper, upper_constants
 from persid.lyapunov.multipliers import Lyapunov
@@ -78,19 +79,8 @@ class Setting:
 
     @property
     def fastest(self) -> float:
-        """What no kappa exceeds: twice the decay rate of the linearisation, or its loss 1 - |z|^2 in a step."""
-        eigenvalues = np.linalg.eigvals(self.jacobian)
-        if self.model.is_discrete:
-            return 1 - float(np.abs(eigenvalues).max()) ** 2
-        return -2 * float(eigenvalues.real.max())
-
-    def gentle(self, kappa: float) -> float:
-        """Return the kappa of half its rate, at which gains are about smallest: kappa/2, or 1 - sqrt(1 - kappa).
-
-        Of x' = -a x + u the gain is 1/sqrt(kappa (2a - kappa)); of x+ = a x + u it is sqrt(r / ((r - a^2)(1 - r))) with
-        r = 1 - kappa, smallest at r = a.
-        """
-        return 0.5 * kappa if self.model.dt is None else -float(np.expm1(0.5 * np.log1p(-kappa)))
+        """What no kappa exceeds, by the linearisation."""
+        return decay.fastest(self.jacobian, self.model.dt)
 
     @property
     def monotone(self) -> "Setting":
@@ -101,10 +91,6 @@ class Setting:
             for k in reversed([k for k, form in enumerate(forms.tolist()) if tuple(form) not in rising]):
                 setting = setting._without(curve, k)
         return setting
-
-    def loss(self, rate: float) -> float:
-        """Return the kappa that goes with a rate of the state in 1/s: 2 rate, or 1 - exp(-2 rate dt) in a step."""
-        return 2 * rate if self.model.dt is None else -float(np.expm1(-2 * rate * self.model.dt))
 
     @property
     def units(self) -> Float[ndarray, " m"]:

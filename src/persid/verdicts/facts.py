@@ -11,6 +11,7 @@ from persid._dyadics import rounded
 from persid.certificates.certificate import Certificate
 from persid.certificates.facts import prove_facts, proved, with_squares
 from persid.errors import RejectedError, RoundingError
+from persid.lyapunov import decay
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
@@ -33,7 +34,6 @@ from persid.verdicts.searches import ABOVE
 from persid.verdicts.verdict import Reason
 from persid_check.model import model_of
 
-RATE_SHARE = 0.5  # of the best rate, where no larger one is asked for: there the gain is small
 SLOWEST = 1 / 2048  # share of the linearisation's rate at which a region is sought
 FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
 KEPT = 0.98  # share of the volume that a faster rate has to leave
@@ -45,7 +45,7 @@ def frame_of(setting: Setting) -> Frame:
     """Return the frame of a setting on all of R^n, with candidate forms."""
     model, point = setting.model, setting.point
     points = points_of(model, place(model, point, None))
-    return Frame(model_of(model.canonical), points, point is None and bool(model.b.any()))
+    return Frame(model_of(model.canonical, discrete=True), points, point is None and bool(model.b.any()))
 
 
 def with_slopes(setting: Setting, frame: Frame) -> Frame:
@@ -64,7 +64,7 @@ def has_zero_rows(frame: Frame) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class About:
-    """What is certified: a model about a point (None: its reference), and its linearisation there, in 1/s."""
+    """What is certified: a model about a point (None: its reference), and its linearisation there."""
 
     model: PersidskiiModel | DescriptorModel
     point: OperatingPoint | None
@@ -96,14 +96,14 @@ def by_facts(
     if frame.sloped:
         frame = replace(frame, points=tuple(map(with_squares, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
-    J = about.jacobian
-    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
+    limit = decay.fastest(about.jacobian, about.model.dt)
     best = None if stable is None else best_rate(frame, limit if limit > 0 else stable.speed, log.left)
     if best is None:
         if stable is None:
             return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE), None
         return certificate_of(about, stable, each, log), None
-    aim = min(max(best.kappa * Fraction(RATE_SHARE), Fraction(2 * ABOVE * (rate or 0.0))), best.kappa)
+    half, asked = decay.gentle(float(best.kappa), about.model.dt), decay.loss(ABOVE * (rate or 0.0), about.model.dt)
+    aim = min(Fraction(max(half, asked)), best.kappa)
     gentle = smallest_gain(
         (feasible(frame, aim, log.left, across=True) if aim < best.kappa else None) or best, log.left
     )
@@ -137,11 +137,11 @@ def by_strips(
     then the largest rate is taken that leaves most of the volume.
     """
     J = about.jacobian
-    limit = -2 * float(np.linalg.eigvals(J).real.max()) if np.isfinite(J).all() else 0.0
+    limit = decay.fastest(J, None)
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     units = scaling(system_of(frame)).states[: frame.order]
-    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(2 * ABOVE * rate)
+    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, None))
     reserve = (1 - SEARCHING) * log.left()
     search = Search(frame, slowest, of_linearisation(J, units), lambda: log.left() - reserve, about.following)
     best = search.run() if slowest < limit else None

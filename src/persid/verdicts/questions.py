@@ -125,7 +125,7 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
     if asked.claim == "incremental":
         return _between_solutions(asked, setting, log)
     forms = partial(_by_forms, asked, setting, log)
-    ways = [forms] if asked.model.is_discrete else _ways(asked, setting, forms, log)
+    ways = _ways(asked, setting, forms, log)
     failure = stopped(Status.TIME)
     for way in ways:
         if log.left() <= 0:
@@ -140,11 +140,13 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
 
 
 def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> list[Way]:
-    """Return the ways to certify in continuous time in their order: products of forms are one of them."""
-    ways: list[Way] = [forms, partial(_by_weights, asked, log)]
+    """Return the ways to certify in their order: products of forms are one of them."""
+    ways: list[Way] = [forms] if asked.model.is_discrete else [forms, partial(_by_weights, asked, log)]
     if asked.outputs is not None or not 1 < asked.model.n <= FACTS_STATES:
         return ways
     frame = frame_of(setting)
+    if asked.model.is_discrete:
+        return [*ways, partial(_by_facts, asked, setting, frame, log)]
     ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
     sloped = with_slopes(setting, frame)
     if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:

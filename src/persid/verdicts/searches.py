@@ -10,6 +10,7 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.obstruction import find_obstruction
 from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
+from persid.lyapunov import decay
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
@@ -157,13 +158,13 @@ def rate_and_gain(setting: Setting, full_P: bool, rate: float | int | None, each
 def _rated(question: Question, setting: Setting, rate: float | int | None, log: Log) -> tuple[Outcome, Outcome] | None:
     """Return what has the best rate, and what has a small gain at the rate asked for or at half of the best one."""
     best = best_rate(question, setting.fastest, log.left)
-    asked = setting.loss(ABOVE * (rate or 0.0))
+    asked = decay.loss(ABOVE * (rate or 0.0), setting.model.dt)
     if (0.0 if best is None else kappa(best)) < asked <= setting.fastest:  # bisection has left a few percent
         best = question.ask(asked, None, best, log.left) or best
     if best is None:
         return None
     best = shortened(best, log, asked)
-    aim = min(max(setting.gentle(kappa(best)), asked), kappa(best))
+    aim = min(max(decay.gentle(kappa(best), setting.model.dt), asked), kappa(best))
     gentle = smallest_gain(question, aim, best, log.left)
     return best, best if gentle is None else shortened(gentle, log)
 
