@@ -82,9 +82,9 @@ def _sort(what: str, names: Sequence[str]) -> str:
     return f"{what}{'' if len(names) == 1 else 's'} {shown} ({len(names)})"
 
 
-def equilibrium(ball: Ball) -> str:
-    """Return where the one equilibrium of a ball is."""
+def equilibrium(ball: Ball, name: str = "x*") -> str:
+    """Return where the one equilibrium of a ball is; with algebraic variables its name says so."""
     where = f"= {vector(ball.x)} exactly"
     if ball.radius:  # not rounded up: only in the ball itself is it proved to be the one
-        where = f"within {marked((ball.radius,))} of {vector(ball.x)} in every state"
-    return f"the one equilibrium x* {where} for the constant input u* = {vector(ball.u)}"
+        where = f"within {marked((ball.radius,))} of {vector(ball.x)} in every {'state' if name == 'x*' else 'entry'}"
+    return f"the one equilibrium {name} {where} for the constant input u* = {vector(ball.u)}"

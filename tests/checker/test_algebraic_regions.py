@@ -22,12 +22,14 @@ from persid.lyapunov.proposals import feasible
 from persid.lyapunov.solvability import solved
 from persid.verdicts.facts import About, certificate_of
 from persid.verdicts.log import Log
-from persid_check import Accepted, FormatError, Malformed, Rejected, check, model_sha256
+from persid_check import Accepted, FormatError, Malformed, Rejected, check, model_sha256, words
 from persid_check.model import model_of
+from persid_check.reading import Ball
 from persid_check.results import NotProvedError
 
 Content = dict[str, Any]
 ONE, ZERO = [1, 0], [0, 0]
+ONE_HALF = Fraction(1, 2)
 
 
 @cache
@@ -71,8 +73,28 @@ def test_the_ledger_that_is_forged_is_a_good_one() -> None:
     """It is accepted, and says in which strips the equations have one solution."""
     answer = check(data(_content()))
     assert isinstance(answer, Accepted), answer
-    assert "with the solution of its equations in the strips" in answer.statement
+    assert "they have exactly one solution with -0.5 <= ('w' - 'w'*) <= 0.5" in answer.statement
     assert any("stays on its domain" in step for step in answer.steps)
+
+
+def test_the_branch_is_named_before_a_set_is_called_invariant() -> None:
+    """At x = 0 another solution is w = 1, where x' = 1: no text that ends before the strips speaks of a set."""
+    assert np.allclose(fold().solve([0.0], near=[0.9]), 1)
+    first, second = check(data(_content())).statement.split(" they have exactly one solution with ")
+    assert "in a region, with the solution of its equations that is named below, input-to-state stable" in first
+    assert "invariant" not in first
+    strip, rest = second.split(", which depends on x and u continuously. ")
+    assert strip == "-0.5 <= ('w' - 'w'*) <= 0.5"
+    assert rest.startswith("This one is meant, of others nothing is said: with it the set of these x is invariant")
+
+
+def test_the_place_of_algebraic_variables_is_named() -> None:
+    """Strips speak of w less its place at rest: in the operating point, a ball, or in x_ref."""
+    statement = check(data(_with(_content(), ("model", "x_ref"), [(0.25).hex(), (0.5).hex()]))).statement
+    assert "stable about (x*, 'w'*) = x_ref = (0.25, 0.5) for u* = u_ref = (0)." in statement
+    assert words.equilibrium(Ball((ONE_HALF, ONE_HALF), Fraction(0), ()), "(x*, 'w'*)").startswith(
+        "the one equilibrium (x*, 'w'*) = (0.5, 0.5) exactly"
+    )
 
 
 def test_no_form_is_proved_beyond_the_fold() -> None:

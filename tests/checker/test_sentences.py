@@ -194,6 +194,8 @@ def test_the_sentence_of_members_of_a_network() -> None:
     assert members.startswith("Every member of the stated set of models about the model with 2 states")
     assert "V(x(t) - x*) <= exp(-1.25 t) V(x(0) - x*) + 1 sup|u1 - u1*| for all t >= 0" in members
     assert "the equilibria are the member's own" in members
+    assert "any two solutions of one member with inputs u and u* satisfy" in members
+    assert "any two solutions with inputs u and u* satisfy" in answer(network(every=True)).statement
     assert isinstance(answer(network_members(1.25 + 2**-40)), Rejected)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.algebraic import bounded_points
 from persid_check.ledger.further import forgets, has_feedback, is_moved
 from persid_check.ledger.theorem import Proved, strips
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
@@ -48,15 +47,21 @@ def statement(ledger: Ledger, proved: Proved) -> str:
 
 def _equations(ledger: Ledger) -> list[str]:
     """What is proved of the equations of a model with algebraic variables."""
-    if not ledger.model.algebraic:
+    if not _has_w(ledger):
         return []
-    n = ledger.model.order
-    names = ", ".join(state_names(ledger.model.states)[n : n + SHOWN]) + (
-        ", ..." if ledger.model.algebraic > SHOWN else ""
-    )
+    names = ", ".join(_listed(state_names(ledger.model.states)[ledger.model.order :]))
     if ledger.claim == "region":
         return [f"Its equations are those of {names}."]
     return [f"For every x and u its equations have exactly one solution {names}, which depends on them continuously."]
+
+
+def _has_w(ledger: Ledger) -> bool:
+    return ledger.model.algebraic > 0
+
+
+def _listed(names: Sequence[str]) -> list[str]:
+    """Names, cut short and said so."""
+    return [*names[:SHOWN], *["..."] * (len(names) > SHOWN)]
 
 
 def _between(ledger: Ledger, of: str = "") -> str:
@@ -78,6 +83,7 @@ def _kind(ledger: Ledger) -> str:
     """Stable, or practically so where something stays even without inputs."""
     spread = ledger.claim == "practical" or any(deviation.epsilon for deviation in ledger.deviations)
     scope = "in a region" if ledger.claim == "region" else "globally"
+    scope += ", with the solution of its equations that is named below," * (scope != "globally" and _has_w(ledger))
     steps = " in discrete time" if ledger.model.is_discrete else ""
     return f"{scope} {'practically ' if spread else ''}input-to-state stable{steps}"
 
@@ -85,10 +91,17 @@ def _kind(ledger: Ledger) -> str:
 def _place(ledger: Ledger) -> str:
     model = ledger.model
     if ledger.ball is not None:
-        return f"about {equilibrium(ledger.ball)}"
-    name = "" if ledger.claim == "practical" else "x* = "
-    where = f"about {name}x_ref = {vector(model.x_ref[: model.order])} for u* = u_ref = {vector(model.u_ref)}"
+        return f"about {equilibrium(ledger.ball, _rest(ledger))}"
+    at = model.x_ref if ledger.claim == "region" else model.x_ref[: model.order]
+    name = "" if ledger.claim == "practical" else f"{_rest(ledger) if len(at) > model.order else 'x*'} = "
+    where = f"about {name}x_ref = {vector(at)} for u* = u_ref = {vector(model.u_ref)}"
     return f"{where}, with the constant b counted as one more input that is held at 1" if ledger.counts_b else where
+
+
+def _rest(ledger: Ledger) -> str:
+    """The name of the operating point, in which the algebraic variables have their places, too."""
+    names = [f"{name}*" for name in state_names(ledger.model.states)[ledger.model.order :]]
+    return f"(x*, {', '.join(_listed(names))})" if names else "x*"
 
 
 @dataclass(frozen=True)
@@ -145,20 +158,32 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
     bound = _of_outputs(ledger, ledger.outputs.listed) if ledger.outputs is not None else _of_state(ledger)
     if ledger.claim == "rate-and-gain":
         return [f"{bound[0].upper()}{bound[1:]}.", *_feedback(ledger)]
-    found = strips(ledger)
-    start = _clock(ledger).start
-    sides = " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN])
-    sides += f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
-    within, size, branch = f"{sides or 'no strip'} and ", decimal(ledger.input_bound, up=False), ""
-    if ledger.algebraic is not None:
-        bounded = len(bounded_points(ledger))
-        inside = f" in the strips {sides}" if bounded else ""
-        branch = f", with the solution of its equations{inside}, of which each such x and u have exactly one,"
-        within = within if not bounded else "the strips below that read x alone and " * (len(found) > bounded)
-    return [
-        f"The set of x with {within}V(x) <= {_one(ledger.level)} is invariant for inputs with |u - u*| <= {size},"
-        f" and from every {start} in it{branch} {bound}."
-    ]
+    return [_region(ledger, bound)]
+
+
+def _region(ledger: Ledger, bound: str) -> str:
+    """The set that is not left; with algebraic variables first which solution of the equations is meant."""
+    found, order = strips(ledger), ledger.model.order
+    own, others = ([side for side in found if all(i < order for i in side[0]) == of] for of in (True, False))
+    size = f"|u - u*| <= {decimal(ledger.input_bound, up=False)}"
+    start, level = _clock(ledger).start, f"V(x) <= {_one(ledger.level)}"
+    if not _has_w(ledger):
+        return (
+            f"The set of x with {_sides(ledger, own) or 'no strip'} and {level} is invariant for inputs with {size},"
+            f" and from every {start} in it {bound}."
+        )
+    within = f"{_sides(ledger, own)} and {level}" if own else level
+    where = f" with {_sides(ledger, others)}" if others else ""
+    return (
+        f"For every x with {within} and every u with {size} they have exactly one solution{where}, which depends on x"
+        " and u continuously. This one is meant, of others nothing is said: with it the set of these x is invariant for"
+        f" such inputs, and from every {start} in it {bound}."
+    )
+
+
+def _sides(ledger: Ledger, found: Sequence[tuple[Row, Fraction, Fraction]]) -> str:
+    more = f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
+    return " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN]) + more
 
 
 def _of_state(ledger: Ledger) -> str:
@@ -276,7 +301,7 @@ def _members(ledger: Ledger) -> list[str]:
         " with |D zeta| <= |C zeta| for every zeta, and any constant e, more is proved: for every constant input it has"
         " exactly one equilibrium, and the same holds about it with the same numbers, without the constant part of |w|."
     )
-    return [first, _between(ledger, " of such a model")] if forgets(ledger) else [first]
+    return [first, _between(ledger, " of one such model")] if forgets(ledger) else [first]
 
 
 def _deviation(ledger: Ledger, deviation: Deviation) -> str:

@@ -35,8 +35,9 @@ def decrease(claim: NetworkClaim, gains: Sequence[Fraction], offset: bool) -> st
     ]
     if claim.every:
         parts.append(
-            "For every constant input there is exactly one equilibrium, and any two solutions with inputs u and u*"
-            " satisfy this estimate with the second one in place of x*."
+            "For every constant input there is exactly one equilibrium, and any two solutions"
+            f"{' of one member' * (claim.members is not None)} with inputs u and u* satisfy this estimate with the"
+            " second one in place of x*."
         )
     if claim.members is not None:
         parts.append(_members(claim.members))
