@@ -7,13 +7,16 @@ So a program that runs through on an interval is continuous there: that is how c
 from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
+from secrets import randbits
 from typing import Any, Protocol, Self, TypeVar
 
-from flint import arb, fmpq
+from flint import arb, ctx, fmpq
 
 from persid_check.expression import Program
 
 FAR = arb(2) ** 128  # beyond it sine and cosine are any number from -1 to 1, and the tangent is not defined
+SHORT = 2**60  # numbers below are remembered
+_SALT = randbits(60)
 PRECISION = 192  # bits of ball arithmetic; every bound is rounded outwards, so this decides sharpness, not truth
 
 
@@ -125,13 +128,20 @@ class Interval:
 
 
 def constant(value: Fraction) -> Interval:
-    """Return the tightest interval about a fraction."""
-    return _constant(value.numerator, value.denominator)
+    """Return the tightest interval about a fraction, whatever the caller's precision is."""
+    n, d = value.numerator, value.denominator
+    return _short(n ^ _SALT, d) if -SHORT < n < SHORT and d < SHORT else _constant(n, d)
 
 
 @lru_cache(maxsize=4096)
-def _constant(numerator: int, denominator: int) -> Interval:  # a fraction would be slow to hash
-    return enclose(arb(fmpq(numerator, denominator)))
+def _short(salted: int, d: int) -> Interval:
+    """A file cannot choose numbers that stand at one place of this memory: it knows no salt (see memory.py)."""
+    return _constant(salted ^ _SALT, d)
+
+
+def _constant(n: int, d: int) -> Interval:
+    with ctx.workprec(PRECISION):
+        return enclose(arb(fmpq(n, d)))
 
 
 def enclose(ball: arb) -> Interval:

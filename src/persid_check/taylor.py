@@ -5,7 +5,7 @@ from functools import lru_cache
 
 from flint import arb, arb_series, ctx, fmpq, fmpq_series
 
-from persid_check.enclosure import Interval, UndefinedError, enclose, is_far
+from persid_check.enclosure import PRECISION, Interval, UndefinedError, enclose, is_far
 
 Coefficient = fmpq | Interval
 
@@ -14,7 +14,7 @@ ORDER = 9  # of Taylor's polynomials; the remainder has this power
 
 @lru_cache(maxsize=64)
 def series(name: str) -> list[Coefficient]:
-    """Taylor coefficients at 0, exact where they are rational."""
+    """Taylor coefficients at 0, exact where they are rational, else at the checker's precision."""
     x = fmpq_series([0, 1], prec=ORDER + 1)
     one = fmpq_series([1], prec=ORDER + 1)
     exact: dict[str, Callable[[], fmpq_series]] = {
@@ -31,7 +31,8 @@ def series(name: str) -> list[Coefficient]:
         "arctan": x.atan,
     }
     if name not in exact:
-        return [enclose(c) for c in coefficients_about(name, arb(0), ORDER)]
+        with ctx.workprec(PRECISION):
+            return [enclose(c) for c in coefficients_about(name, arb(0), ORDER)]
     refuse_short_series()
     found: list[Coefficient] = list(exact[name]().coeffs())
     return (found + [fmpq(0)] * ORDER)[:ORDER]

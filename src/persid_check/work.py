@@ -7,9 +7,10 @@ for another file, is found again and counts as if it were made now: the answer d
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import lru_cache, wraps
+from functools import wraps
 from typing import ParamSpec, TypeVar
 
+from persid_check.memory import Question, answers
 from persid_check.results import NotProvedError
 
 BASE_STEPS = 5 * 10**6  # that the proofs of a file may take, and more for each of its groups of channels
@@ -30,7 +31,7 @@ class _Account:
 
     def __init__(self, limit: float) -> None:
         self.spent, self.limit = 0, limit
-        self.counted: set[tuple[object, ...]] = set()
+        self.counted: set[tuple[str, Question]] = set()
 
 
 _account: ContextVar[_Account | None] = ContextVar("_account", default=None)
@@ -56,33 +57,24 @@ def spend(steps: int) -> None:
             raise NotProvedError("file", "its proof takes too many steps: fewer or simpler forms are needed")
 
 
-_memories: list[Callable[[], None]] = []
-
-
-def forget() -> None:
-    """Forget every proof."""
-    for clear in _memories:
-        clear()
-
-
 def remembered(proof: Callable[_Key, _Answer], most: int = 65536) -> Callable[_Key, _Answer]:
     """Remember the last answers of a proof, with the steps that each took; a file is charged once for each."""
 
-    @lru_cache(maxsize=most)
-    def found(*key: object) -> tuple[_Answer, int]:
+    def charged(*key: object) -> tuple[_Answer, int]:
         outer = _account.get()
         with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
             answer = proof(*key)  # type: ignore[arg-type, call-arg]
         return answer, inner.spent
 
-    _memories.append(found.cache_clear)
+    found = answers(charged, most)
 
     @wraps(proof)
     def run(*key: _Key.args, **_: _Key.kwargs) -> _Answer:
-        answer, steps = found(*key)
+        question = Question.of(*key)
+        answer, steps = found(question)
         account = _account.get()
-        if account is not None and (proof.__name__, *key) not in account.counted:
-            account.counted.add((proof.__name__, *key))
+        if account is not None and (proof.__name__, question) not in account.counted:
+            account.counted.add((proof.__name__, question))
             spend(steps)
         return answer
 

@@ -7,7 +7,7 @@ import pytest
 from flint import ctx
 
 from checker.expressions import is_sector_function, odd_part
-from persid_check import work
+from persid_check import memory
 from persid_check.enclosure import UndefinedError, between
 from persid_check.expression import parse
 from persid_check.search.prover import (
@@ -77,7 +77,7 @@ DYADIC_BALL = F(1, 2**30)
 @pytest.fixture(autouse=True)
 def _fresh():
     """Every test proves anew, at the checker's precision."""
-    work.forget()
+    memory.forget()
     with ctx.workprec(192):
         yield
 

@@ -6,7 +6,7 @@ import pytest
 
 from checker import known_ledgers, ledgers, named
 from checker.maker import data
-from persid_check import Accepted, Rejected, check, work
+from persid_check import Accepted, Rejected, check, memory, work
 from persid_check.expression import parse
 from persid_check.ledger import check as ledger_check
 from persid_check.search import prover
@@ -38,7 +38,7 @@ def test_the_answer_does_not_depend_on_what_was_checked_before(name: str) -> Non
     """A proof found again counts as much as one that is made: with and without a memory the limit is the same."""
     check(data(named.load(name)))
     warm = spent(name)
-    work.forget()
+    memory.forget()
     assert spent(name) == warm
 
 
@@ -55,12 +55,12 @@ def test_a_ledger_costs_the_same_steps_again(name: str, monkeypatch: pytest.Monk
             low, high = (low, ledger_check.STEPS) if isinstance(check(file), Accepted) else (ledger_check.STEPS, high)
         return high
 
-    work.forget()
+    memory.forget()
     monkeypatch.setattr(ledger_check, "STEPS", 10**5)
     cold = [isinstance(check(file), Accepted)]
     warm = least()
     for steps in (warm - 1, warm):
-        work.forget()
+        memory.forget()
         monkeypatch.setattr(ledger_check, "STEPS", steps)
         cold.append(isinstance(check(file), Accepted))
     assert cold == [True, False, True]
@@ -86,5 +86,5 @@ def test_honest_files_are_far_from_the_limit() -> None:
 def test_without_a_file_there_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Proofs that the producer asks for are not counted."""
     monkeypatch.setattr(work, "BASE_STEPS", 0)
-    work.forget()
+    memory.forget()
     assert prover.prove_sector_form((), [1])

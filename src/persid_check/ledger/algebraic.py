@@ -71,6 +71,7 @@ def _own(ledger: Ledger) -> list[int]:
 def _difference(ledger: Ledger, fact: Fact, own: set[int], where: str) -> None:
     point, n = ledger.points[fact.p], ledger.model.n
     curve = ledger.curves[point.curve]
+    spend(2 * (1 + len(point.channels)))
     for k in (fact.k, fact.l):
         if curve.forms[k].kind not in RISING:
             raise NotProvedError(where, "nondecreasing forms are needed")
@@ -110,6 +111,7 @@ def prove_bounds(ledger: Ledger, said: Algebraic, matrices: Assembly) -> None:
         raise NotProvedError("algebraic.bounds", f"{len(said.bounds)} are given; needed are {len(places)}")
     for i, (p, reach) in enumerate(zip(places, said.bounds, strict=True)):
         where = f"algebraic.bounds[{i}]"
+        spend(len(reach.facts) + len(ledger.points[p].row))
         for fact in reach.facts:
             if not all(ledger.curves[ledger.points[fact.p].curve].is_sector(k) for k in (fact.k, fact.l)):
                 raise NotProvedError(where, "both forms of a fact must be sector forms")
@@ -123,7 +125,7 @@ def prove_bounds(ledger: Ledger, said: Algebraic, matrices: Assembly) -> None:
 
 def form_of_reach(ledger: Ledger, p: int, reach: Reach, matrices: Assembly) -> Matrix:
     """Return the form alpha x'Pt x + beta |v|^2 - (r'z)^2 less equations and facts, where its rows are not zero."""
-    flow = flow_matrix(ledger)
+    flow = matrices.flow
     spend(flow.width**2)
     r = matrix([[ledger.points[p].row.get(j, _ZERO) for j in range(flow.width)]], flow.width)
     scaled = diagonal([reach.alpha] * ledger.model.order) * matrices.Pt

@@ -24,8 +24,12 @@ _ZERO = Fraction(0)
 
 @dataclass(frozen=True)
 class Assembly:
-    """M over zeta; Pt with V >= z'Pt z - below; V <= zeta'W zeta + above; the supply c_0 of the constant facts."""
+    """M over zeta; Pt with V >= z'Pt z - below; V <= zeta'W zeta + above; the supply c_0 of the constant facts.
 
+    `flow` is G, with the rows H of equations below it.
+    """
+
+    flow: Matrix
     M: Matrix
     P: Matrix
     Pt: Matrix
@@ -53,7 +57,7 @@ def assemble(ledger: Ledger) -> Assembly:
         loss = loss + -form_of_identity(ledger, size)
     below = _lifted(_over_eta(_curvatures(ledger)), rows, n, len(ledger.inside))
     Pt = P + (below.kept(range(order), range(order)) if order < n else below)
-    return Assembly(loss, P, Pt, gamma, *_offsets(ledger))
+    return Assembly(flow, loss, P, Pt, gamma, *_offsets(ledger))
 
 
 def products_of(ledger: Ledger, facts: Sequence[Fact]) -> Matrix:
@@ -228,19 +232,22 @@ def _difference(ledger: Ledger, fact: Fact, k: int) -> Eta:
 def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width: int, channels: int) -> Matrix:
     """Return N'H N for the form H over eta, with the rows of the points: a form over (x, s)."""
     first = len(rows)
+    used = sorted({i for place in eta for i in place if i < first})
+    spend(len(eta) + len(used) * width)
+    at, rows = {p: k for k, p in enumerate(used)}, [rows[p] for p in used]
     yy: Entries = []
     sy: Entries = []
     ss: Entries = []
     for (i, j), value in eta.items():
         if i < first:
-            yy += [(i, j, value)] if i == j else [(i, j, value), (j, i, value)]
+            yy += [(at[i], at[j], value)] if i == j else [(at[i], at[j], value), (at[j], at[i], value)]
         elif j < first:
-            sy.append((i - first, j, value))
+            sy.append((i - first, at[j], value))
         else:
             i, j = i - first, j - first
             ss += [(i, j, value)] if i == j else [(i, j, value), (j, i, value)]
     side = _times_rows(rows, width, sy, channels)
-    head = _dense(rows, width).T * _times_rows(rows, width, yy, first)
+    head = _dense(rows, width).T * _times_rows(rows, width, yy, len(rows))
     return blocks([[head, side.T], [side, scattered(channels, channels, ss)]])
 
 

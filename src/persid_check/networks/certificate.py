@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 from persid_check import companion
 from persid_check.expression import ExpressionError, parse
 from persid_check.json_text import Stated
+from persid_check.memory import Question
 from persid_check.model import Model, holds_objects, sha256_of
 from persid_check.networks import sentences
 from persid_check.networks.claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
-from persid_check.networks.cone import Vector, generators
+from persid_check.networks.cone import Vector, generators, words
 from persid_check.networks.members import Members, read_members
 from persid_check.networks.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
 from persid_check.networks.table import Table, doubtful, table_of, table_of_sparse
@@ -169,7 +170,7 @@ def _prove_decrease(k: int, column: Column, rays: Sequence[Vector], claim: Netwo
 
     Of members w_i |C_i E_k v| is added for every ellipsoid.
     """
-    spend(len(rays) * len(column) * len(rays[0]) // PRODUCTS)
+    spend(len(rays) * len(column) * len(rays[0]) * words(rays) // PRODUCTS)
     own = Fraction(claim.weights[k])
     for ray in rays:
         sizes = _sizes(column, k, ray) + (claim.members.sizes(k, ray) if claim.members is not None else [])
@@ -281,13 +282,16 @@ def _kinds(value: object, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple
     entries = read_list("kinds", value)
     if len(entries) > MAX_KINDS:
         raise FormatError("kinds", f"at most {MAX_KINDS} are read")
+    if len(entries) != len(nodes.kinds):  # before any is read: what no node has is not worth its parsing
+        raise FormatError("kinds", f"{len(nodes.kinds)} occur among the nodes, and each is needed once, and no other")
     found = {}
     for t, entry in enumerate(entries):
         kind = _kind(f"kinds[{t}]", read_object(f"kinds[{t}]", entry, known))
-        found[kind.functions] = kind
-    if len(found) != len(entries) or set(found) != set(nodes.kinds):
-        raise FormatError("kinds", "each kind that occurs among the nodes, once, and no other, is needed")
-    return tuple(found[functions] for functions in nodes.kinds)
+        found[Question.of(kind.functions)] = kind
+    of_nodes = [found.get(Question.of(functions)) for functions in nodes.kinds]
+    if missing := [functions for functions, kind in zip(nodes.kinds, of_nodes, strict=True) if kind is None]:
+        raise FormatError("kinds", f"the nodes with the functions {[text[:60] for text, _ in missing[0]]} have none")
+    return tuple(kind for kind in of_nodes if kind is not None)
 
 
 def _kind(where: str, entry: Mapping[str, object]) -> Kind:

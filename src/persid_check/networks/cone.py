@@ -29,10 +29,11 @@ def generators(forms: Sequence[Sequence[Fraction]], size: int) -> tuple[Vector, 
         used.append(cut)
         crossing = next((line for line in lines if _dot(cut, line)), None)
         if crossing is not None:
+            spend(8 * (len(lines) + len(rays)) * words([*lines, *rays, cut]))
             lines, rays = _cut_a_line(cut, crossing, lines, rays)
         else:
             rays = _halved(cut, rays)
-            spend(len(rays) * len(used) * _words(rays))
+            spend(len(rays) * len(used) * words(rays))
             rays = _extreme(rays, used)
     return (*rays, *lines, *(tuple(-c for c in line) for line in lines))
 
@@ -55,7 +56,7 @@ def _halved(cut: Vector, rays: list[Vector]) -> list[Vector]:
     below = [pair for pair in heights if pair[0] < 0]
     if len(inside) + len(above) * len(below) > MAX_RAYS**2 // 16:
         raise NotProvedError("kinds", "the cone of the forms has too many generators; fewer forms are needed")
-    spend(8 * len(above) * len(below) * _words(rays))
+    spend(8 * len(above) * len(below) * words(rays))
     return inside + [_combined(h, low, -g, high) for h, high in above for g, low in below]
 
 
@@ -71,9 +72,13 @@ def _extreme(rays: list[Vector], used: list[Vector]) -> list[Vector]:
     return [ray for where, ray in vanishing.items() if not any(where < other for other in vanishing)]
 
 
-def _words(rays: list[Vector]) -> int:
-    """How many steps a product of two vectors counts for: one for each 256 bits of the largest entry."""
-    return 1 + max((abs(c).bit_length() for ray in rays for c in ray), default=0) // 256
+def words(vectors: Sequence[Vector]) -> int:
+    """How many steps a product of two vectors counts for: one for each 256 bits of the largest entry.
+
+    From 2048 bits on it grows with the square, as the time of common divisors does.
+    """
+    size = 1 + max((abs(c).bit_length() for vector in vectors for c in vector), default=0) // 256
+    return size * max(1, size // 8)
 
 
 def _combined(p: int, v: Vector, q: int, w: Vector) -> Vector:

@@ -67,10 +67,21 @@ class Members:
         """Return (i, a bound of |C_i E_k v|) for every ellipsoid that reads node k."""
         return [(i, _norm([_at(row, ray) for row in rows])) for i, rows in self.at_nodes.get(k, ())]
 
+    @cached_property
+    def at_inputs(self) -> Mapping[int, Mapping[int, Sequence[Fraction]]]:
+        """For each input, the entries that rows of C have at it, by the state of their ellipsoid."""
+        first, found = self.model.n + len(self.model.channels), dict[int, dict[int, list[Fraction]]]()
+        for ellipsoid in self.ellipsoids:
+            for row in ellipsoid.C:
+                spend(len(row))
+                for entry, value in row.items():
+                    if entry >= first:
+                        found.setdefault(entry - first, {}).setdefault(ellipsoid.state, []).append(value)
+        return found
+
     def of_input(self, j: int) -> list[tuple[int, Fraction]]:
-        """Return (i, a bound of |C_i e_j|) for every ellipsoid."""
-        entry = self.model.n + len(self.model.channels) + j
-        return [(e.state, _norm([row.get(entry, Fraction(0)) for row in e.C])) for e in self.ellipsoids]
+        """Return (i, a bound of |C_i e_j|) for every ellipsoid that reads input j."""
+        return [(i, _norm(values)) for i, values in self.at_inputs.get(j, {}).items()]
 
 
 def read_members(value: object, model: Model) -> Members:

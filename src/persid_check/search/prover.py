@@ -8,7 +8,7 @@ whole interval; between, intervals are bisected. Every answer is True or False, 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache, wraps
+from functools import cached_property, wraps
 from math import lcm
 from typing import ParamSpec
 
@@ -17,6 +17,7 @@ from flint import ctx, fmpq
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
 from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
 from persid_check.expression import Program, work_of
+from persid_check.memory import kept
 from persid_check.search.side import (
     BUDGET,
     FINEST,
@@ -157,7 +158,7 @@ def prove_integral_lower(
     return _integral(curve, form, domain, shift, _lemma(False, d))
 
 
-@lru_cache(maxsize=4096)
+@kept(4096)
 def _lemma(upper: bool, c: Fraction) -> Integral:
     """One object for one lemma, so that its proofs are found again."""
     return Integral(upper, c)
@@ -277,7 +278,6 @@ def _proved(curve: Curve, form: Form, domain: Domain, shift: Shift, wanted: Prop
     return all(Proof(side, end, wanted, strict).run() for side, end in zip(sides, ends, strict=False))
 
 
-@lru_cache(maxsize=4096)
 def is_odd(program: Program) -> bool:
     """Whether f(-x) = -f(x) follows from the form of the program: then G(t) is the same on both sides."""
     stack: list[int | None] = []  # 1 odd, 0 even, None neither

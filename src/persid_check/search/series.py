@@ -6,7 +6,6 @@ point of [a, b]: the last one is enclosed about the whole interval, the others a
 
 from collections.abc import Callable
 from fractions import Fraction
-from functools import lru_cache
 
 from flint import arb, arb_series, fmpq
 
@@ -48,12 +47,12 @@ class Series:
 
     def constant(self, value: Fraction) -> "Series":
         """Return the constant."""
-        return _constant_series(value.numerator, value.denominator)
+        return Series(arb_series([arb(fmpq(value.numerator, value.denominator))], prec=LOCAL))
 
     def power(self, exponent: Fraction) -> "Series":
         """Return self ** exponent, an integer or a half-integer."""
         if exponent < 0:
-            return _constant_series(1, 1) / self.power(-exponent)
+            return self.constant(Fraction(1)) / self.power(-exponent)
         whole = Series(self.terms ** int(exponent))
         return whole if exponent.denominator == 1 else whole * Series(self.terms.sqrt())
 
@@ -82,11 +81,6 @@ class Series:
         if self.terms.prec < count or not all(c.is_finite() for c in found):
             raise UndefinedError("a series is too short or not finite")
         return found + [arb(0)] * (count - len(found))
-
-
-@lru_cache(maxsize=4096)
-def _constant_series(numerator: int, denominator: int) -> Series:
-    return Series(arb_series([arb(fmpq(numerator, denominator))], prec=LOCAL))
 
 
 def variable(low: Fraction, high: Fraction) -> Series:

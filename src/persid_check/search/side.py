@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import TypeVar
 
@@ -12,6 +12,7 @@ from flint import arb, fmpq
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
 from persid_check.expression import Program, kinks, work_of
+from persid_check.memory import kept
 from persid_check.search.series import LOCAL, Series, least, somewhere, variable
 from persid_check.work import spend
 
@@ -111,7 +112,7 @@ def _rises(curve: Curve, sign: int, shift: Shift, t: E, y: E) -> list[tuple[E, E
     return found
 
 
-@lru_cache(maxsize=4096)
+@kept(4096)
 def _beyond(
     curve: Curve, sign: int, shift: Shift, Y: Fraction, inverse: bool, slope: bool
 ) -> tuple[Expansion, list[tuple[Expansion, ...]]] | None:

@@ -1,0 +1,141 @@
+"""Files that took minutes once: each is answered soon, whatever numbers it holds and however they hash."""
+
+import copy
+import json
+import random
+from collections.abc import Callable
+from fractions import Fraction
+from time import process_time
+from typing import Any
+
+import pytest
+from flint import ctx
+
+from checker import known_ledgers
+from checker.maker import data
+from checker.test_algebraic_regions import _content as fold_region
+from checker.test_network import file as network_file
+from checker.test_network import model as network_model
+from persid_check import Accepted, Malformed, Rejected, check
+from persid_check.enclosure import PRECISION, constant
+from persid_check.ledger.algebraic import prove_algebraic
+from persid_check.ledger.file import read_ledger
+from persid_check.memory import Question
+from persid_check.networks import certificate as of_networks
+from persid_check.networks.members import Members
+from persid_check.work import limited
+
+PRIME = 2**61 - 1  # Python's numbers hash modulo it
+SECONDS = 10  # of the processor, for files that take less than one, and took a minute
+Content = dict[str, Any]
+
+
+def many_inputs() -> Content:
+    """1,000 inputs, and an ellipsoid of 3,500 rows that read none of them."""
+    alone = network_file(network_model([[-2.0]], [], [[0.0] * 1000]), [([], [])], [1.0], 1.0, every=True)
+    return alone | {"deviations": [{"state": 0, "C": [[[0, [1, -12]]]] * 3500}]}
+
+
+def one_hash() -> Content:
+    """2,600 lemmas, y times multiples of a number that hashes to 0."""
+    content = known_ledgers.load("incremental")
+    curve = content["curves"][0]
+    form = curve["forms"][0] | {"upper": None, "lower": None, "is": "nondecreasing"}
+    rest = [[0, 0]] * len(curve["functions"])
+    for first in range(1, 2600, 128):
+        forms = [form | {"l": [[PRIME * k, -80], *rest]} for k in range(first, first + 128)]
+        content["curves"].append(copy.deepcopy(curve) | {"forms": forms})
+    return content
+
+
+def long_forms() -> Content:
+    """A node with eight functions and twelve forms of 2,048 bits: their generators have 36,000."""
+    draw, slopes = random.Random(1), [1 + i / 8 for i in range(8)]
+    model = network_model([[-2.0]], [(["tanh(x)"] * 8, [[a] for a in slopes], [[-1.0] * 8])], [[1.0]])
+    kind = ([("tanh(x)", a) for a in slopes], [])
+    content = network_file(model, [kind], [1.0], 1.0, every=True)
+    content["kinds"][0]["forms"] = [[_long(draw) for _ in range(9)] for _ in range(12)]
+    return content
+
+
+def _long(draw: random.Random) -> list[int]:
+    return [draw.getrandbits(2040) | 1, -draw.randrange(2000)]
+
+
+@pytest.mark.parametrize(
+    ("content", "answer"),
+    [(many_inputs, Accepted), (one_hash, Accepted), (long_forms, Rejected)],
+    ids=["inputs", "hashes", "long_forms"],
+)
+def test_no_file_takes_long(content: Callable[[], Content], answer: type) -> None:
+    """Of 60 to 380 kB each."""
+    written = data(content())
+    begun = process_time()
+    assert isinstance(check(written), answer)
+    assert process_time() - begun < SECONDS
+
+
+def test_kinds_that_no_node_has_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their number alone shows that some are too many."""
+    content = network_file(network_model([[-2.0]], [], [[1.0]]), [([], [])], [1.0], 1.0, every=True)
+    assert isinstance(check(data(content)), Accepted)
+    content["kinds"] += [{"functions": [["tanh(x)", [k, 0]]], "forms": []} for k in range(1, 4)]
+    monkeypatch.delattr(of_networks, "_kind")
+    answer = check(data(content))
+    assert isinstance(answer, Malformed)
+    assert answer.why.startswith("1 occur among the nodes")
+
+
+def test_each_kind_of_the_nodes_is_needed() -> None:
+    """As many as there are, but another one, or one twice, are not those of the nodes."""
+    model = network_model([[-2.0, 0.0], [0.0, -2.0]], [("tanh(x)", [[1.0, 0.0]], [[-1.0], [0.0]])], [[1.0], [1.0]])
+    kinds = [([("tanh(x)", 1.0)], [[0.0, 1.0]]), ([], [])]
+    assert isinstance(check(data(network_file(model, kinds, [1.0, 1.0], 1.0, every=True))), Accepted)
+    for other in ([([("tanh(x)", 2.0)], [[0.0, 1.0]]), ([], [])], [([], []), ([], [])]):
+        answer = check(data(network_file(model, other, [1.0, 1.0], 1.0, every=True)))
+        assert isinstance(answer, Malformed)
+        assert answer.where == "kinds"
+
+
+def test_numbers_of_one_hash_are_found_apart() -> None:
+    """What is remembered has another hash in every process, and equal arguments have the same."""
+    numbers = [Fraction(PRIME * k) for k in range(1, 101)]
+    assert len({hash(number) for number in numbers}) == 1
+    assert len({hash(Question.of("lemma", (number,))) for number in numbers}) == 100
+    assert Question.of(numbers[0], None) == Question.of(Fraction(PRIME), None)
+    assert Question.of(Fraction(1, 2)) != Question.of(Fraction(1, 3))
+
+
+def test_a_constant_is_the_same_whoever_asked_first() -> None:
+    """Asked with few bits before, it is as sharp as ever."""
+    for value in (Fraction(1, 1234577), Fraction(1, 3**200)):
+        with ctx.workprec(20):
+            first = constant(value)
+        with ctx.workprec(PRECISION):
+            second = constant(value)
+            assert (second.hi - second.lo) * 2**180 < second.hi
+        assert (first.lo, first.hi) == (second.lo, second.hi)
+
+
+def test_products_of_the_equations_are_counted() -> None:
+    """Each that is read takes steps, those with the factor 0, too."""
+    spent = []
+    for more in (0, 1000):
+        content = json.loads(json.dumps(fold_region()))
+        content["algebraic"]["solvable"]["products"] += [[0, 1, 1, [0, 0]]] * more
+        ledger = read_ledger(content)
+        with limited(10**6) as account, ctx.workprec(PRECISION):
+            prove_algebraic(ledger, ledger.algebraic)
+        spent.append(account.spent)
+    assert spent[1] - spent[0] >= 4 * 1000
+
+
+def test_entries_at_inputs_are_counted_once() -> None:
+    """What the rows of C read is gone through once, not for every input."""
+    content = many_inputs()
+    with limited(10**6) as account:
+        claim = of_networks.read_network(content)
+        assert isinstance(claim, of_networks.NetworkClaim)
+        assert isinstance(claim.members, Members)
+        assert not any(claim.members.of_input(j) for j in range(1000))
+    assert account.spent == 3500
