@@ -122,6 +122,22 @@ def test_an_integrating_output_is_named():
     assert "not input-to-state stable" in said
 
 
+def test_an_integrating_output_with_a_constant_push_is_foretold():
+    """A cart kept in place by feedback, pushed by a constant force that is no input, is foretold and certified."""
+    dt, rng, x = 0.1, np.random.default_rng(0), np.zeros(2)
+    goal, U, Y = np.repeat(rng.normal(size=20), 30), np.zeros(600), np.zeros(600)
+    for k in range(600):
+        U[k], Y[k] = 2 * (goal[k] - x[0]) - 2 * x[1] + 0.3 * rng.normal(), x[0]
+        for _ in range(10):
+            x = x + dt / 10 * np.array([x[1], U[k] - 0.2 * x[1] + 0.5])
+    data = ps.Trajectories.from_arrays([Y[:, None] + 0.001 * rng.normal(size=(600, 1))], [U[:, None]], dt=dt)
+    fit = OutputIdentifier(order=2, neurons=0, feedthrough=False, time_limit=0).fit(data)
+    assert fit.report_.error < 0.01
+    assert fit.report_.remarks[0].startswith("y1 integrates: ")
+    assert fit.verdict_.is_certified
+    assert fit.set_params(warm_start=True).fit(data).report_.error < 0.01
+
+
 def test_a_rate_and_a_gain_are_certified_together():
     """A rate above the plant's own and a gain below the free fit's are both certified, at a price in accuracy."""
     data = runs(ps.PersidskiiModel([[-0.5]], [], [[1.0]]), [[1.0]], 0.1, 200, 1)

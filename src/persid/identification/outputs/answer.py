@@ -207,7 +207,7 @@ class _Search:
         best, group, k = self._best()
         for _ in range(2):
             if best.neurons:
-                weaker = self._again(selection.again(group, k, FEWER, group.feedthrough))
+                weaker = self._again(selection.again(group, k, FEWER, group.freedom.through))
                 if not weaker.fit.held_out[0] < BETTER * best.held_out:
                     break
                 best, group, k = weaker.candidates()[0]

@@ -9,14 +9,13 @@ from numpy import ndarray
 
 @dataclass(frozen=True, eq=False)
 class Latent:
-    """Hold K models x' = W (x, f(V (x, 1)), u) + b, y = h(O (x, u, 1)), with W = [A A1 B], V = [R beta], O = [C D d].
+    """Hold K models x' = W (x, f(V (x, 1)), u, 1), y = h(O (x, u, 1)), W = [A A1 B b], V = [R beta], O = [C D d].
 
     The first `hardening` neurons are s - f(s) in place of f(s): their slopes lie in [0, 1] as well, and grow from rest.
     x0 is the state at the first sample of every record.
     """
 
     W: Float[ndarray, "K n w"]
-    b: Float[ndarray, "K n"]
     V: Float[ndarray, "K q r"]
     O: Float[ndarray, "K l o"]  # noqa: E741 the outputs' matrix
     x0: Float[ndarray, "K records n"]
@@ -37,7 +36,7 @@ class Latent:
     @property
     def m(self) -> int:
         """Number of inputs."""
-        return int(self.W.shape[2] - self.n - self.q)
+        return int(self.W.shape[2] - self.n - self.q - 1)
 
     @property
     def A(self) -> Float[ndarray, "K n n"]:
@@ -52,7 +51,12 @@ class Latent:
     @property
     def B(self) -> Float[ndarray, "K n m"]:
         """The columns of the inputs."""
-        return self.W[:, :, self.n + self.q :]
+        return self.W[:, :, self.n + self.q : -1]
+
+    @property
+    def b(self) -> Float[ndarray, "K n"]:
+        """The offsets."""
+        return self.W[:, :, -1]
 
     @property
     def R(self) -> Float[ndarray, "K q n"]:
@@ -65,8 +69,8 @@ class Latent:
         return self.O[:, :, : self.n]
 
     def __getitem__(self, chosen: ndarray | slice) -> "Latent":
-        W, b, V, O, x0 = (part[chosen] for part in (self.W, self.b, self.V, self.O, self.x0))  # noqa: E741
-        return Latent(W, b, V, O, x0, *self.kind)
+        W, V, O, x0 = (part[chosen] for part in (self.W, self.V, self.O, self.x0))  # noqa: E741
+        return Latent(W, V, O, x0, *self.kind)
 
     def mapped(self, T: Float[ndarray, "n n"], centre: Float[ndarray, " n"]) -> "Latent":
         """Return the same models with the state T (x - centre)."""
@@ -74,9 +78,10 @@ class Latent:
         W, V, O = T @ self.W, self.V.copy(), self.O.copy()  # noqa: E741
         W[:, :, :n] = W[:, :, :n] @ back
         V[:, :, :n], O[:, :, :n] = V[:, :, :n] @ back, O[:, :, :n] @ back
+        W[:, :, -1] += (self.A @ centre) @ T.T
         V[:, :, -1] += self.R @ centre
         O[:, :, -1] += self.C @ centre
-        return Latent(W, (self.b + self.A @ centre) @ T.T, V, O, (self.x0 - centre) @ T.T, *self.kind)
+        return Latent(W, V, O, (self.x0 - centre) @ T.T, *self.kind)
 
     @property
     def kind(self) -> tuple[str, str | None, int]:
@@ -91,9 +96,9 @@ class Latent:
         """Return the models whose first neurons are turned: s - f(s) becomes f(s), and f(s) becomes s - f(s)."""
         W, V, turned = self.W.copy(), self.V[:, :count], slice(self.n, self.n + count)
         W[:, :, : self.n] += W[:, :, turned] @ V[:, :, :-1]
-        b = self.b + (W[:, :, turned] @ V[:, :, -1:])[:, :, 0]
+        W[:, :, -1:] += W[:, :, turned] @ V[:, :, -1:]
         W[:, :, turned] *= -1
-        return replace(self, W=W, b=b, hardening=count)
+        return replace(self, W=W, hardening=count)
 
     def activated(self, s: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
         """Return what the neurons make of s."""

@@ -25,11 +25,10 @@ HOPELESS = 2.0  # times its cost before, beyond which a trial is given up before
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Hold K points of one parametrisation: parameters w, first states x0, the fixed offsets b, and their kind."""
+    """Hold K points of one parametrisation: parameters w, first states x0, and their kind."""
 
     w: Float[ndarray, "K p"]
     x0: Float[ndarray, "K records n"]
-    b: Float[ndarray, "K n"]
     activation: str = "tanh"
     output_map: str | None = None
     hardening: int = 0
@@ -40,7 +39,7 @@ class Batch:
         return self.activation, self.output_map, self.hardening
 
     def __getitem__(self, chosen: ndarray | slice) -> "Batch":
-        return replace(self, w=self.w[chosen], x0=self.x0[chosen], b=self.b[chosen])
+        return replace(self, w=self.w[chosen], x0=self.x0[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +55,14 @@ class Free:
     def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
         """Return the models as they stand."""
         W, V, O = split(batch.w, self.n, self.q, self.m, self.l)  # noqa: E741
-        latent = Latent(W, batch.b, V, O, batch.x0, *batch.kind)
+        latent = Latent(W, V, O, batch.x0, *batch.kind)
         unit = np.broadcast_to(np.eye(batch.w.shape[1]), (len(W), *np.eye(batch.w.shape[1]).shape))
         return latent, unit, np.ones(len(W), bool)
 
 
 @dataclass(frozen=True, eq=False)
 class Stable:
-    """w is (the stable parameters, B, beta, O)."""
+    """w is (the stable parameters, [B b], beta, O)."""
 
     shape: Shape
     m: int
@@ -84,7 +83,7 @@ class Stable:
     def width(self) -> int:
         """Number of entries of (W, V, O)."""
         n, q, m = self.shape.n, self.shape.q, self.m
-        return n * (n + q + m) + q * (n + 1) + self.l * (n + m + 1)
+        return n * (n + q + m + 1) + q * (n + 1) + self.l * (n + m + 1)
 
     def proved(self, batch: Batch) -> Proved:
         """Return the models with their multipliers."""
@@ -94,9 +93,9 @@ class Stable:
         """Return the models, by the chain rule through the parametrisation."""
         n, q, m, l, p = self.shape.n, self.shape.q, self.m, self.l, self.shape.size  # noqa: E741
         found, slopes = proved(self.shape, batch.w[:, :p])
-        B, beta, outputs = np.split(batch.w[:, p:], [n * m, n * m + q], 1)
+        forces, beta, outputs = np.split(batch.w[:, p:], [n * (m + 1), n * (m + 1) + q], 1)
         K = len(batch.w)
-        W = np.concatenate([found.A, found.A1, B.reshape(K, n, m)], 2)
+        W = np.concatenate([found.A, found.A1, forces.reshape(K, n, m + 1)], 2)
         V = np.concatenate([found.R, beta[:, :, None]], 2)
         places = np.arange(W[0].size + V[0].size + outputs.shape[1])
         iW, iV, iO = split(places[None], n, q, m, l)
@@ -105,7 +104,7 @@ class Stable:
         D = np.zeros((K, batch.w.shape[1], len(places)))
         D[:, :p, stable] = slopes
         D[:, np.arange(p, batch.w.shape[1]), plain] = 1.0
-        latent = Latent(W, batch.b, V, outputs.reshape(K, l, -1), batch.x0, *batch.kind)
+        latent = Latent(W, V, outputs.reshape(K, l, -1), batch.x0, *batch.kind)
         return latent, D, found.valid
 
 
@@ -114,9 +113,9 @@ Parameters = Free | Stable
 
 def split(theta: ndarray, n: int, q: int, m: int, l: int) -> tuple[ndarray, ndarray, ndarray]:  # noqa: E741
     """Return the matrices W, V, O of flat parameters."""
-    W, V, O = np.split(theta, np.cumsum([n * (n + q + m), q * (n + 1)]), 1)  # noqa: E741
+    W, V, O = np.split(theta, np.cumsum([n * (n + q + m + 1), q * (n + 1)]), 1)  # noqa: E741
     K = len(theta)
-    return W.reshape(K, n, n + q + m), V.reshape(K, q, n + 1), O.reshape(K, l, n + m + 1)
+    return W.reshape(K, n, n + q + m + 1), V.reshape(K, q, n + 1), O.reshape(K, l, n + m + 1)
 
 
 @dataclass(eq=False)

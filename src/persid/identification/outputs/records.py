@@ -104,6 +104,11 @@ class Pieces:
         return np.flatnonzero(~self.follows)
 
     @property
+    def longest(self) -> int:
+        """Samples of the longest record."""
+        return int(np.bincount(self.record, (self.weight | self.held).sum(0)).max())
+
+    @property
     def values(self) -> float:
         """Number of measured values that are fitted."""
         return float(float(self.weight.sum()) * self.y.shape[1])

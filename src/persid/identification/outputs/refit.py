@@ -12,6 +12,7 @@ from persid.identification.outputs.least_squares import Batch, Free, Stable, Tas
 from persid.identification.outputs.parametrisation import Multiplied, Shape, parameters_under
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.selection import Candidate, Question, Winner
+from persid.identification.outputs.starts import Freedom
 from persid.models.outputs import OutputModel
 from persid.models.stable_fit import StableFit
 
@@ -27,15 +28,16 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
     _refuse_others(fit, records, question)
     fit, hardening = _with_hardening_first(fit)
     latent = _standardised(fit, records, scales, dt).hardened(hardening)
-    parameters, batch = _point(fit, latent, dt, question)
     pieces = Pieces.of([scales.standardised(record) for record in records], question.hold, kept=selection.KEPT)
+    through = bool(question.feedthrough) or (question.feedthrough is None and bool(np.any(fit.D)))
+    freedom = Freedom(through, selection.outlasts(latent.A[0], pieces))
+    parameters, batch = _point(fit, latent, dt, question, freedom)
     substeps = selection.substeps_for(latent)
     found = least_squares.begun(Task(pieces, parameters, selection.ridge_of(latent, np.zeros(1)), substeps), batch)
     if found.ended[0]:
         raise DataError("the earlier model does not follow these records; fit anew, without warm_start=")
-    through = bool(np.any(fit.D))
     errors = float(found.error[0]), float(found.held_out[0])
-    size = latent.n, latent.q, through
+    size = latent.n, latent.q, bool(np.any(fit.D))
     return Winner(parameters, batch, 0.0, substeps, Candidate(*size, 0.0, 0, *errors, 0, latent.hardening))
 
 
@@ -79,13 +81,12 @@ def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt:
             x0.append(model.estimate_state(t, u[: len(t)], y[: len(t)]))
         except ModelError as error:
             raise DataError(f"the earlier model does not fit these records: {error}") from None
-    W = np.hstack([fit.A, fit.A1, fit.B * scales.u_scale]) * dt
+    W = np.hstack([fit.A, fit.A1, fit.B * scales.u_scale, (fit.b + fit.B @ moved)[:, None]]) * dt
     rows = np.hstack([fit.C, fit.D * scales.u_scale, (fit.d + fit.D @ moved - scales.y_mean)[:, None]])
     outputs = rows / scales.y_scale[:, None]
-    b, V = (fit.b + fit.B @ moved) * dt, np.hstack([fit.R, fit.beta[:, None]])
+    V = np.hstack([fit.R, fit.beta[:, None]])
     return Latent(
         W=W[None],
-        b=b[None],
         V=V[None],
         O=outputs[None],
         x0=np.array(x0)[None],
@@ -94,14 +95,15 @@ def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt:
     )
 
 
-def _point(fit: StableFit, latent: Latent, dt: float, question: Question) -> tuple[Free | Stable, Batch]:
-    through = bool(question.feedthrough) or (question.feedthrough is None and bool(np.any(fit.D)))
+def _point(
+    fit: StableFit, latent: Latent, dt: float, question: Question, freedom: Freedom
+) -> tuple[Free | Stable, Batch]:
     if fit.M is None or fit.T is None:
-        return starts.free_batch(latent, through)
+        return starts.free_batch(latent, freedom)
     shape = Shape(latent.n, latent.q, question.kappa, starts.slack(latent.A, question.kappa))
     try:
         given = Multiplied(latent.A[0], latent.A1[0], latent.R[0], np.abs(fit.M), fit.T * dt)
         v = parameters_under(shape, given)
     except ValueError:
         raise DataError("the earlier model is slower than min_rate= asks for; fit anew, without warm_start=") from None
-    return starts.stable_point(shape, v[None], latent, through)
+    return starts.stable_point(shape, v[None], latent, freedom)

@@ -14,6 +14,7 @@ from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Task
 from persid.identification.outputs.records import Pieces, Record
 from persid.identification.outputs.runs import moments
+from persid.identification.outputs.starts import Freedom
 from persid.identification.outputs.subspace import linear_starts
 
 KEPT = 0.75  # of every record is fitted while choosing
@@ -33,7 +34,8 @@ SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
 MOST = 8  # neurons tried
 HARDENING = ((1, 1), (2, 1), (4, 2))  # tried where loud samples are held out, which tell how a model extrapolates
 LOUD = 0.05  # of the fitted samples, held out too where there are more samples than the search takes
-LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here
+LEAST_DECAY = 1e-3  # 1/sample: poles of an unstable linear model are moved to here, or to where
+LEAK = 0.01  # is the share by which a mode decays over the longest record: what integrates hardly leaks
 FINE = 0.5  # |pole| times a substep, at most
 FINEST = 8  # substeps a sample
 
@@ -83,7 +85,7 @@ class Group:
     """Hold candidates of one size, which are fitted together."""
 
     neurons: int
-    feedthrough: bool
+    freedom: Freedom
     ridges: Float[ndarray, " K"]
     seeds: tuple[int, ...]
     task: Task
@@ -96,7 +98,7 @@ class Group:
 
     def candidates(self) -> list[tuple[Candidate, "Group", int]]:
         """Return the candidates with their places."""
-        size, ends = (self.order, self.neurons, self.feedthrough), (self.fit.steps, self.fit.batch.hardening)
+        size, ends = (self.order, self.neurons, self.freedom.through), (self.fit.steps, self.fit.batch.hardening)
         found = zip(self.ridges, self.seeds, self.fit.error, self.fit.held_out, strict=True)
         return [
             (Candidate(*size, float(r), s, float(e), float(h), *ends), self, k) for k, (r, s, e, h) in enumerate(found)
@@ -127,6 +129,7 @@ class LinearFit:
     error: float
     held_out: float
     start: Float[ndarray, "K n S"]
+    freedom: Freedom
 
     @property
     def slowest(self) -> float:
@@ -157,16 +160,24 @@ def linear_fit(records: Sequence[Record], pieces: Pieces, n: int, question: Ques
             "give longer records or a smaller order"
         )
     latent = starts.stacked([starts.latent_of(linear, question.output_map) for linear in found])
-    parameters, batch = starts.free_batch(latent, through)
-    task = Task(pieces, parameters, np.zeros(batch.w.shape), substeps_for(latent), SETTLED)
-    fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
-    best = int(np.argmin(fit.cost))
+    for freedom in (Freedom(through), Freedom(through, offset=True)):
+        parameters, batch = starts.free_batch(latent, freedom)
+        task = Task(pieces, parameters, np.zeros(batch.w.shape), substeps_for(latent), SETTLED)
+        fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
+        best = int(np.argmin(fit.cost))
+        if not outlasts(parameters.latent(fit.batch)[0].A[best], pieces):
+            break
     if not np.isfinite(fit.cost[best]):
         raise DataError(f"no linear model of order {n} follows the records; look at their scales and sampling time")
     one = slice(best, best + 1)
     return LinearFit(
-        parameters.latent(fit.batch[one])[0], float(fit.error[best]), float(fit.held_out[best]), fit.start[one]
+        parameters.latent(fit.batch[one])[0], float(fit.error[best]), float(fit.held_out[best]), fit.start[one], freedom
     )
+
+
+def outlasts(A: Float[ndarray, "n n"], pieces: Pieces) -> bool:
+    """Whether a mode takes longer than the records: what its rate is offset by is then no offset of the outputs."""
+    return bool(np.linalg.eigvals(A).real.max() * pieces.longest > -1)
 
 
 def substeps_for(latent: Latent) -> int:
@@ -202,17 +213,18 @@ def best_order(found: Sequence[LinearFit]) -> int:
 def stabilised(linear: LinearFit, pieces: Pieces, question: Question) -> LinearFit:
     """Return a stable model near a linear one: poles moved to the left, then refitted under stability."""
     w, V = np.linalg.eig(linear.latent.A[0])
-    bound = -LEAST_DECAY - question.kappa / 2
+    bound = -min(LEAST_DECAY, LEAK / pieces.longest) - question.kappa / 2
     if w.real.max() <= bound:
         return linear
     A = (V @ np.diag(np.minimum(w.real, bound) + 1j * w.imag) @ np.linalg.inv(V)).real
     W = linear.latent.W.copy()
     W[0, :, : len(A)] = A
     moved = replace(linear.latent, W=W)
-    parameters, batch, _ = starts.stable_batch(moved, question.through, question.kappa)
+    parameters, batch, _ = starts.stable_batch(moved, linear.freedom, question.kappa)
     task = Task(pieces, parameters, np.zeros((1, parameters.width)), substeps_for(moved))
     fit = least_squares.fitted(task, least_squares.begun(task, batch), LINEAR_STEPS)
-    return LinearFit(parameters.latent(fit.batch)[0], float(fit.error[0]), float(fit.held_out[0]), fit.start)
+    found = parameters.latent(fit.batch)[0]
+    return LinearFit(found, float(fit.error[0]), float(fit.held_out[0]), fit.start, linear.freedom)
 
 
 def group_of(
@@ -224,18 +236,17 @@ def group_of(
     white = starts.whitened(linear.latent, seen.mean, seen.cov)
     effect = 0.0 if question.certified else 0.01
     latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation, hardening)
-    through = question.through
     parameters: Parameters
     if question.certified:
-        parameters, batch, _ = starts.stable_batch(latent, through, question.kappa)
+        parameters, batch, _ = starts.stable_batch(latent, linear.freedom, question.kappa)
     else:
-        parameters, batch = starts.free_batch(latent, through)
+        parameters, batch = starts.free_batch(latent, linear.freedom)
     weights = np.array([ridge for ridge, _ in pairs])
     ridge = ridge_of(latent, weights * linear.error**2)
     task = Task(pieces, parameters, ridge, substeps_for(latent), SETTLED)
     one = least_squares.begun(replace(task, ridge=ridge[:1]), batch[slice(1)])  # neurons have little effect, or none
     fit = least_squares.begun(task, batch, near=(one.start, one.flow))
-    return Group(q, through, weights, tuple(seed for _, seed in pairs), task, fit)
+    return Group(q, linear.freedom, weights, tuple(seed for _, seed in pairs), task, fit)
 
 
 def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
@@ -281,7 +292,8 @@ def again(group: Group, k: int, weaker: float = 1.0, feedthrough: bool = True) -
         batch = replace(batch, w=np.where(through, 0.0, batch.w))
     task = replace(group.task, parameters=parameters, ridge=group.task.ridge[one] / weaker)
     fit = least_squares.begun(task, batch, least_squares.NEAR, (group.fit.start[one], group.fit.flow[one]))
-    return Group(group.neurons, feedthrough, group.ridges[one] / weaker, group.seeds[one], task, fit)
+    freedom = replace(group.freedom, through=feedthrough)
+    return Group(group.neurons, freedom, group.ridges[one] / weaker, group.seeds[one], task, fit)
 
 
 def grown(group: Group, k: int, hardens: bool) -> Group:
@@ -290,14 +302,14 @@ def grown(group: Group, k: int, hardens: bool) -> Group:
     latent = before.parameters.latent(group.fit.batch[one])[0]
     seen = moments(latent, before.pieces, group.fit.start[one], before.substeps)
     seeds = range(first, first + GROWN)
-    parameters, batch = starts.grown(before.parameters, group.fit.batch[one], seen.mean, seen.cov, seeds, hardens)
+    parameters, batch = starts.grown(
+        before.parameters, group.fit.batch[one], seen.mean, seen.cov, seeds, hardens, group.freedom
+    )
     count = len(batch.w)
     weights = np.full(count, before.ridge[k].max(initial=0.0))
     task = replace(before, parameters=parameters, ridge=ridge_of(parameters.latent(batch)[0], weights))
     fit = least_squares.begun(task, batch, near=(group.fit.start[one], group.fit.flow[one]))
-    return Group(
-        group.neurons + 1, group.feedthrough, group.ridges[[k] * count], group.seeds[k : k + 1] * count, task, fit
-    )
+    return Group(group.neurons + 1, group.freedom, group.ridges[[k] * count], group.seeds[k : k + 1] * count, task, fit)
 
 
 def winner_of(group: Group, k: int) -> Winner:

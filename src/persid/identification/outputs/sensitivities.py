@@ -139,16 +139,16 @@ def _steps(
     unit = np.broadcast_to(np.eye(n)[..., None], (t, K, n, n, S))
     M = h / 6 * unit
     flow = unit
-    drift_W = np.zeros((t, K, n, n, n + q + latent.m, S))
+    drift_W, one = np.zeros((t, K, n, n, n + q + latent.m + 1, S)), np.ones((t, K, 1, S))
     drift_V = np.zeros((t, K, n, q, n + 1, S))
     for i in range(3, -1, -1):
         z, f, slope, drive, J = stages[i]
         MJ = np.einsum("tkias,tkajs->tkijs", M, J)
         flow = flow + MJ
-        seen = np.concatenate([z, f, drive], 2)
+        seen = np.concatenate([z, f, drive, one], 2)
         drift_W += M[:, :, :, :, None] * seen[:, :, None, None]
         MA = (np.swapaxes(A1, 1, 2)[:, None] @ M) * slope[:, :, None]
-        rows = np.concatenate([z, np.ones((t, K, 1, S))], 2)
+        rows = np.concatenate([z, one], 2)
         drift_V += MA[:, :, :, :, None] * rows[:, :, None, None]
         if i:
             M = h * STAGES[i - 1][1] * unit + h * STAGES[i][0] * MJ

@@ -1,7 +1,7 @@
 """From a linear model to the points at which the nonlinear fits begin."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,14 +24,28 @@ GIVING = (NEAR, 0.97)  # norm of U at most, for what makes room for one neuron m
 SHIFTS = 1.5  # beta is drawn from +- so many standard deviations of its argument
 
 
+@dataclass(frozen=True)
+class Freedom:
+    """Say whether D is fitted, and offsets b: they tell more than d where a mode outlasts the records."""
+
+    through: bool
+    offset: bool = False
+
+    def mask(self, size: int, latent: Latent, start: int, width: int) -> Bool[ndarray, " size"]:
+        """Return which of `size` parameters are free; b is the last column of n rows of that width, from `start`."""
+        n, m, l = latent.n, latent.m, latent.O.shape[1]  # noqa: E741
+        free = np.asarray(self.through | ~entries_of_feedthrough(size, n, m, l))
+        free[start + width * np.arange(1, n + 1) - 1] = self.offset
+        return free
+
+
 def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
     """Return a linear model as a batch of one without neurons."""
     n = len(linear.A)
-    W = np.hstack([linear.A, linear.B])[None]
+    W = np.hstack([linear.A, linear.B, linear.b[:, None]])[None]
     O = np.hstack([linear.C, linear.D, linear.d[:, None]])[None]  # noqa: E741
     return Latent(
         W=W,
-        b=np.zeros((1, n)),
         V=np.zeros((1, 0, n + 1)),
         O=O,
         x0=linear.x0[None],
@@ -42,9 +56,9 @@ def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
 
 def stacked(latents: list[Latent]) -> Latent:
     """Return one batch of several."""
-    names = ("W", "b", "V", "O", "x0")
-    W, b, V, O, x0 = (np.concatenate([getattr(latent, name) for latent in latents]) for name in names)  # noqa: E741
-    return Latent(W, b, V, O, x0, *latents[0].kind)
+    names = ("W", "V", "O", "x0")
+    W, V, O, x0 = (np.concatenate([getattr(latent, name) for latent in latents]) for name in names)  # noqa: E741
+    return Latent(W, V, O, x0, *latents[0].kind)
 
 
 def whitened(latent: Latent, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"]) -> Latent:
@@ -70,11 +84,10 @@ def with_neurons(
         R /= np.linalg.norm(R, axis=1, keepdims=True)
         V = np.hstack([R, rng.uniform(-SHIFTS, SHIFTS, (q, 1))])[None]
         A1 = effect * rng.normal(size=(1, n, q))
-        W = np.concatenate([latent.A, A1, latent.B], 2)
+        W = np.concatenate([latent.A, A1, latent.W[:, :, n:]], 2)
         found.append(
             Latent(
                 W=W,
-                b=latent.b,
                 V=V,
                 O=latent.O,
                 x0=latent.x0,
@@ -86,15 +99,14 @@ def with_neurons(
     return stacked(found)
 
 
-def free_batch(latent: Latent, feedthrough: bool) -> tuple[Free, Batch]:
+def free_batch(latent: Latent, freedom: Freedom) -> tuple[Free, Batch]:
     """Return the free parametrisation and the point in it of a batch of models."""
     n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
-    free = np.ones(theta_of(latent).shape[1], bool)
-    free &= feedthrough | ~entries_of_feedthrough(len(free), n, m, l)
-    return Free(n, q, m, l, free), Batch(theta_of(latent), latent.x0.copy(), latent.b, *latent.kind)
+    free = freedom.mask(theta_of(latent).shape[1], latent, 0, n + q + m + 1)
+    return Free(n, q, m, l, free), Batch(theta_of(latent), latent.x0.copy(), *latent.kind)
 
 
-def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple[Stable, Batch, Latent]:
+def stable_batch(latent: Latent, freedom: Freedom, kappa: float = 0.0) -> tuple[Stable, Batch, Latent]:
     """Return the stable parametrisation, and the point of models with stable A, their neurons without effect.
 
     Coordinates are those of the Lyapunov equation of A + kappa/2, in which A + A' + kappa is negative: for each model.
@@ -105,12 +117,12 @@ def stable_batch(latent: Latent, feedthrough: bool, kappa: float = 0.0) -> tuple
     mapped = stacked([_lyapunov_coordinates(latent[k : k + 1], kappa) for k in range(len(latent.W))])
     shape = Shape(latent.n, latent.q, kappa, slack(mapped.A, kappa))
     v = np.array([parameters_of(shape, A, R) for A, R in zip(mapped.A, mapped.R, strict=True)])
-    return *stable_point(shape, v, mapped, feedthrough), mapped
+    return *stable_point(shape, v, mapped, freedom), mapped
 
 
 def grown(
     parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"],
-    seeds: Sequence[int], hardens: bool,
+    seeds: Sequence[int], hardens: bool, freedom: Freedom,
 ) -> tuple[Free | Stable, Batch]:  # fmt: skip
     """Return one fitted point with one more random neuron of no effect, for every seed with less and more room for it.
 
@@ -126,22 +138,22 @@ def grown(
         V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
         W = np.insert(latent.W, latent.n + place, 0.0, 2)
         points.append(replace(latent, W=W, V=V, hardening=latent.hardening + hardens))
-    through = bool(parameters.free[-latent.m - 1 : -1].any())
     if isinstance(parameters, Free):
-        return free_batch(stacked(points), through)
+        return free_batch(stacked(points), freedom)
     shape, had = replace(parameters.shape, q=parameters.q + 1), parameters.proved(batch)
     M, T, idle = np.insert(had.M[0], place, 0.0), np.insert(had.T[0], place, 0.0), np.arange(shape.q) == place
     pairs = [(one, most) for most in GIVING for one in points]
     v = [parameters_beside(shape, Multiplied(one.A[0], one.A1[0], one.R[0], M, T), idle, most) for one, most in pairs]
-    return stable_point(shape, np.array(v), stacked([one for one, _ in pairs]), through)
+    return stable_point(shape, np.array(v), stacked([one for one, _ in pairs]), freedom)
 
 
-def stable_point(shape: Shape, v: Float[ndarray, "K p"], latent: Latent, through: bool) -> tuple[Stable, Batch]:
+def stable_point(shape: Shape, v: Float[ndarray, "K p"], latent: Latent, freedom: Freedom) -> tuple[Stable, Batch]:
     """Return the parametrisation, and the point with parameters v and the other entries of the models."""
     n, m, l = latent.n, latent.m, latent.O.shape[1]  # noqa: E741
-    w = np.concatenate([v, *(part.reshape(len(v), -1) for part in (latent.B, latent.V[:, :, -1], latent.O))], 1)
-    free = through | ~entries_of_feedthrough(w.shape[1], n, m, l)
-    return Stable(shape, m, l, free), Batch(w, latent.x0.copy(), latent.b, *latent.kind)
+    forces = latent.W[:, :, n + latent.q :]
+    w = np.concatenate([v, *(part.reshape(len(v), -1) for part in (forces, latent.V[:, :, -1], latent.O))], 1)
+    free = freedom.mask(w.shape[1], latent, shape.size, m + 1)
+    return Stable(shape, m, l, free), Batch(w, latent.x0.copy(), *latent.kind)
 
 
 def slack(A: Float[ndarray, "K n n"], kappa: float) -> float:

@@ -47,13 +47,13 @@ def at_full_rate(winner: Winner, stride: int) -> Winner:
         w[:, :skew] /= stride
         w[:, skew:root] /= np.sqrt(stride)
         w[:, densities:log_T] -= np.log(stride)
-        w[:, shape.size : shape.size + n * m] /= stride
+        w[:, shape.size : shape.size + n * (m + 1)] /= stride
         shape = replace(shape, kappa=shape.kappa / stride, eps=shape.eps / stride)
         parameters = replace(parameters, shape=shape)
     else:
-        w[:, : n * (n + q + m)] /= stride
+        w[:, : n * (n + q + m + 1)] /= stride
     substeps = max(1, ceil(winner.substeps / stride))
-    return replace(winner, parameters=parameters, batch=replace(batch, w=w, b=batch.b / stride), substeps=substeps)
+    return replace(winner, parameters=parameters, batch=replace(batch, w=w), substeps=substeps)
 
 
 def _outputs(records: Sequence[Record]) -> range:

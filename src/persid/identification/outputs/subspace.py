@@ -13,7 +13,7 @@ from persid.identification.outputs.records import Record
 HORIZONS = (4, 8, 15, 30, 60)  # samples into the past and the future
 STRIDES = (1, 4, 16)  # samples that are merged into one, where sampling is far faster than the system
 COLUMNS = 6000  # of the Hankel matrices, at most
-LARGEST = 0.9995  # modulus of a pole of a start
+LARGEST, LEAK = 0.9995, 0.01  # modulus of a pole of a start, or what decays by such a share over a record
 SMALLEST = 0.05  # a real pole of a start: below, no continuous-time model samples to it
 GROWTH = 1e6  # of an unstable start over a record, at most
 RIDGE = 1e-8
@@ -21,10 +21,14 @@ RIDGE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Hold x' = A x + B u, y = C x + D u + d, time in samples, its records' first states and its simulation error."""
+    """Hold x' = A x + B u + b, y = C x + D u + d, time in samples, its records' first states and its simulation error.
+
+    b is 0 but where a mode outlasts the records: it is an offset of the outputs else.
+    """
 
     A: Float[ndarray, "n n"]
     B: Float[ndarray, "n m"]
+    b: Float[ndarray, " n"]
     C: Float[ndarray, "l n"]
     D: Float[ndarray, "l m"]
     d: Float[ndarray, " l"]
@@ -148,23 +152,25 @@ def _continuous(A: Float[ndarray, "n n"], stride: int, length: int) -> list[Floa
     low = (np.abs(w.imag) < 1e-9) & (w.real < SMALLEST)
     w = np.where(low, SMALLEST + 0.01 * np.arange(len(w)), w)
     size = np.maximum(np.abs(w), 1e-300)
-    poles = [np.where(size > LARGEST, w / size * np.minimum(LARGEST, 1 / size), w)]
+    largest = max(LARGEST, 1 - LEAK / length)
+    poles = [np.where(size > largest, w / size * np.minimum(largest, 1 / size), w)]
     if 1 < size.max() < GROWTH ** (1 / length):
         poles.append(w)
     return [(V @ np.diag(np.log(w) / stride) @ np.linalg.inv(V)).real for w in poles]
 
 
 def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequence[Record], through: bool) -> Linear:
-    """Return the model with the B, D, d and x0 of least simulation error, in which they are linear.
+    """Return the model with the B, b, D, d and x0 of least simulation error, in which they are linear.
 
     In modal coordinates the response to an input is a first-order recursion, held from sample to sample:
     xi+ = e^lambda xi + (e^lambda - 1)/lambda beta u.
     """
     w, V = np.linalg.eig(A)
     back, (m, l), n = np.linalg.inv(V), (part.shape[1] for part in records[0]), len(A)  # noqa: E741
+    forces = m + bool(w.real.max() * max(len(u) for u, _ in records) > -1)  # an offset is one more input
     sums: list[tuple[ndarray, ndarray, float, int]] = []
     for r, (u, y) in enumerate(records):
-        columns = _responses(w, V, back, C, u)
+        columns = _responses(w, V, back, C, np.hstack([u, np.ones((len(u), 1))])[:, :forces])
         first = np.zeros((*y.shape, len(records), n))
         first[:, :, r] = np.einsum("lr,kr,ri->kli", C @ V, np.exp(np.outer(np.arange(len(u)), w)), back).real
         through_columns = np.einsum("km,il->kiml", u, np.eye(l)).reshape(*y.shape, -1)[:, :, : m * l * through]
@@ -177,10 +183,12 @@ def _completed(A: Float[ndarray, "n n"], C: Float[ndarray, "l n"], records: Sequ
     scaled = gram * scale[:, None] * scale
     theta = scale * np.linalg.solve(scaled + RIDGE * np.eye(len(scaled)), scale * right)
     error = np.sqrt(max(total - 2 * theta @ right + theta @ gram @ theta, 0.0) / count)
-    B, D, d, x0 = np.split(theta, np.cumsum([n * m, m * l * through, l]))
+    given, D, d, x0 = np.split(theta, np.cumsum([n * forces, m * l * through, l]))
+    B, b = np.split(np.hstack([given.reshape(n, forces), np.zeros((n, 1))])[:, : m + 1], [m], 1)
     return Linear(
         A=A,
-        B=B.reshape(n, m),
+        B=B,
+        b=b[:, 0],
         C=C,
         D=D.reshape(m, l).T if through else np.zeros((l, m)),
         d=d,
