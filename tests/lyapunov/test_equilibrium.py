@@ -46,6 +46,14 @@ def test_point_with_a_singular_jacobian() -> None:
     assert (point.x, point.radius) == (np.array([0.0]), 0.0)
 
 
+def test_slopes_that_are_singular_everywhere() -> None:
+    """Where a whole line is at rest, points of it are found that rest exactly, and nothing ends in an error."""
+    model = ps.PersidskiiModel([[-1.0, 1.0], [-1.0, 1.0]])
+    points = ps.find_operating_point(model)
+    assert len(points) > 1
+    assert all(point.radius == 0 and not model.rhs(point.x).any() for point in points)
+
+
 def test_traffic_has_dozens() -> None:
     """The traffic system with its true right-hand side rests at 20 states or more."""
     model = ps.PersidskiiModel(**TRAFFIC, domain=[[-20.0, 20.0], [-20.0, 20.0]])

@@ -39,6 +39,17 @@ def test_the_models_that_data_allow_stand_in_the_folder(tmp_path: Path) -> None:
 
 def test_of_few_data_and_of_many_columns_nothing_is_said() -> None:
     """Too few windows are no error here, and large sets are left to --plant."""
-    assert of_plant(ps.certify(PLANT), _data(40), "zoh") is None
+    assert of_plant(ps.certify(PLANT), _data(40), "zoh", 60) is None
     wide = ps.PersidskiiModel(-np.eye(6), B=np.eye(6))
-    assert of_plant(ps.certify(wide), _data(1200), "zoh") is None
+    assert of_plant(ps.certify(wide), _data(1200), "zoh", 60) is None
+
+
+def test_the_search_for_the_set_of_models_ends_in_time() -> None:
+    """Without time no set is sought; the band, which takes none, is there all the same."""
+    verdict, data = ps.certify(PLANT), _data(1200)
+    none, some = (of_plant(verdict, data, "zoh", seconds) for seconds in (0, 60))
+    assert none is not None
+    assert some is not None
+    assert none.models is None
+    assert some.models is not None
+    assert none.epsilon == some.epsilon

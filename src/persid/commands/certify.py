@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from persid.models.descriptor import DescriptorModel
     from persid.models.model import PersidskiiModel
     from persid.models.outputs import OutputModel
+    from persid.plants.margin import Reading
     from persid.plants.members import CertifiedModels
     from persid.verdicts.batches import Answer
     from persid.verdicts.verdict import Verdict
@@ -138,7 +139,7 @@ def certify(
     for path, verdict, target, second in zip(models, verdicts, targets, beside, strict=True):
         facts, lines, code = _told(path, verdict, target, explain, rate)
         if plant:
-            facts["plant"], more = _plant(verdict, alone, plant, hold, bound, allowed)
+            facts["plant"], more = _plant(verdict, alone, plant, _reading(hold, bound, time_limit), allowed)
             lines += more
         if second is not None:
             facts["plants"] = _write_beside(getattr(verdict, "margin", None), second)
@@ -238,22 +239,29 @@ def _write_proof(
     return None
 
 
+def _reading(hold: str, bound: list[float] | None, time_limit: float) -> "Reading":
+    """Return how measurements of a plant are to be read; one bound is that of every state."""
+    from persid.plants.margin import Reading
+
+    size = bound[0] if bound is not None and len(bound) == 1 else bound
+    return Reading(hold, noise="random" if bound is None else "bounded", bound=size, time_limit=time_limit)
+
+
 def _plant(
-    verdict: Any, model: Any, files: tuple[Path, ...], hold: str, bound: list[float] | None, allowed: Path | None
+    verdict: Any, model: Any, files: tuple[Path, ...], reading: "Reading", allowed: Path | None
 ) -> tuple[Json | None, list[tuple[str, str]]]:
     """Return what measurements say of the plant, for programs and for people; nothing of a model without a margin."""
     from persid.measurements.opening import files_of
     from persid.measurements.readers import read_measurements
     from persid.networks.certificate import NetworkCertificate
-    from persid.plants.margin import Reading, margin_of
+    from persid.plants.margin import margin_of
 
     if getattr(verdict, "margin", None) is None and not isinstance(verdict.proof, NetworkCertificate):
         if allowed is not None:
             _write_beside(None, allowed)
         return None, [("of the plant", "nothing: the model has no residual margin")]
     data = read_measurements(files_of(list(files)), states=list(model.states), inputs=list(model.inputs))
-    size = bound[0] if bound is not None and len(bound) == 1 else bound
-    found = margin_of(verdict, data, Reading(hold, noise="random" if bound is None else "bounded", bound=size))
+    found = margin_of(verdict, data, reading)
     facts, lines = found.to_dict(), [("of the plant", str(found))]
     if allowed is not None:
         facts["models_file"] = _write_beside(found.models, allowed)

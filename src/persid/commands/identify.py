@@ -180,7 +180,7 @@ def run(
         record = Record(_command(), sources(found), reading, fit.report_, *facts, *shown)
         progress("drawing the report")
         held = kept_out if test else held_out(measured, made.scores)
-        results = Results(made.model, verdict, measured, record, held)
+        results = Results(made.model, verdict, measured, record, held, time_limit)
         proof = write_folder(output, results, made.alternative)
     brief = summarize(verdict)
     paths = {"model": output / layout.MODEL, "report": output / layout.REPORT, _kind(proof): output / proof}

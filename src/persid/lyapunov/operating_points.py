@@ -157,17 +157,24 @@ def _resting(
 
     Steps uphill are allowed: they lead out of valleys of |rhs| where nothing rests, and to more equilibria.
     """
-    v, identity = starts / units, np.eye(model.n)
+    v = starts / units
     for _ in range(STEPS):
         r = _bounded(residual(model, units * v, u) / units)
         J = _bounded(residual_slopes(model, units * v) * units / units[:, None])
-        shift = 1e-12 * np.abs(J).max(axis=(1, 2), initial=1e-300)  # so that none is exactly singular
-        d = np.linalg.solve(J + shift[:, None, None] * identity, -r[:, :, None])[:, :, 0]
+        d = -_solved(J, r)
         length = np.abs(d).max(axis=1)
         v = v + d * np.minimum(1.0, LONGEST / length)[:, None]
         if not (length > CLOSE * (1 + np.abs(v).max(axis=1))).any():
             break
     return np.asarray(units * v)
+
+
+def _solved(J: Float[ndarray, "N n n"], r: Float[ndarray, "N n"]) -> Float[ndarray, "N n"]:
+    """Return the solutions of all J d = r, the shortest of least error in a step where some J is singular."""
+    try:
+        return np.asarray(np.linalg.solve(J, r[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError:
+        return np.asarray((np.linalg.pinv(J) @ r[:, :, None])[:, :, 0])
 
 
 def _distinct(points: Float[ndarray, "N n"], units: ndarray) -> list[ndarray]:

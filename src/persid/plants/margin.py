@@ -129,6 +129,7 @@ def plant_margin(
     instruments: bool = True,
     noise: str = "random",
     bound: object = None,
+    time_limit: float | int = 60.0,
 ) -> PlantMargin:
     """Return what measurements say of the distance between the plant and a certified model, and what is proved of it.
 
@@ -141,6 +142,7 @@ def plant_margin(
         instruments: whether columns of earlier windows take the place of those of the window itself: without them noise
             that acts on the plant biases every coefficient, the more surely the longer the record.
         noise: "random", or "bounded": measurement noise of at most `bound` (n,) in state units, no statistics.
+        time_limit: seconds after which the search for the largest certified set of models ends with what it has.
 
     Raises:
         PersidError: there is no residual margin to compare with.
@@ -156,7 +158,7 @@ def plant_margin(
     """
     free = getattr(fit, "free_", fit)
     window = free.window_ if free.instruments == (instruments and noise == "random") else None
-    asked = Reading(free.hold, window, confidence, instruments, noise, bound)
+    asked = Reading(free.hold, window, confidence, instruments, noise, bound, time_limit)
     return margin_of(verdict, free._known(data), asked)
 
 
@@ -170,6 +172,7 @@ class Reading:
     instruments: bool = True
     noise: str = "random"
     bound: object = None
+    time_limit: float | int = 60.0  # s, for the largest certified set of models
 
     def __post_init__(self) -> None:
         if self.noise not in NOISES or not 0 < self.confidence < 1:
@@ -215,7 +218,7 @@ def margin_of(verdict: Verdict, data: Trajectories, asked: Reading) -> PlantMarg
         share=float((beyond <= 0).mean()),
         alarms=tuple(alarms(about)) if random else (),
         noise=asked.noise,
-        models=certified_models(subject.certificate, about, places.phi) if random else None,
+        models=certified_models(subject.certificate, about, places.phi, asked.time_limit) if random else None,
     )
 
 

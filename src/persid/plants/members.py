@@ -53,15 +53,15 @@ class CertifiedModels:
 
 
 def certified_models(
-    certificate: Certificate | NetworkCertificate, about: Evidence, phi: Float[ndarray, "N p"]
+    certificate: Certificate | NetworkCertificate, about: Evidence, phi: Float[ndarray, "N p"], time_limit: float | int
 ) -> CertifiedModels | None:
-    """Return what is certified of the models that an estimate allows, phi at places of the data.
+    """Return what is certified of the models that an estimate allows, phi at places of the data; in `time_limit` s.
 
     None where nothing is, as where the data leave a combination of coefficients open.
     """
     if not about.found.resolved.all():
         return None
-    answer = certified_members(certificate, tuple(ellipsoids(about, phi)))
+    answer = certified_members(certificate, tuple(ellipsoids(about, phi)), time_limit)
     return None if answer is None else CertifiedModels(*answer)
 
 

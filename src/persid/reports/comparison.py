@@ -53,7 +53,7 @@ def measured_margin(verdict: Verdict, data: Measurements, hold: str) -> tuple[fl
     return measured.share(verdict.margin.delta), inside(measured, verdict.margin)
 
 
-def of_plant(verdict: Verdict, data: Measurements | None, hold: str) -> PlantMargin | None:
+def of_plant(verdict: Verdict, data: Measurements | None, hold: str, time_limit: float | int) -> PlantMargin | None:
     """Return what measurements say of the plant of a model of few columns; None where they are too few, or not held.
 
     The set of all coefficients that data allow is sharp where these are few.
@@ -64,7 +64,7 @@ def of_plant(verdict: Verdict, data: Measurements | None, hold: str) -> PlantMar
     if Dictionary(margin.certificate.model).size > FEW_COLUMNS:
         return None
     try:
-        return margin_of(verdict, data, Reading(hold))
+        return margin_of(verdict, data, Reading(hold, time_limit=time_limit))
     except (DataError, UnderdeterminedError):
         return None
 

@@ -29,7 +29,8 @@ from persid.verdicts.verdict import Verdict
 class Results:
     """What a run found: model, verdict, the measurements where they are at hand, the record.
 
-    `held` is what the scores of the record are on, where it is at hand and the fit has not seen it.
+    `held` is what the scores of the record are on, where it is at hand and the fit has not seen it; `time_limit` (s)
+    is for what is proved of the plant beside the verdict.
     """
 
     model: PersidskiiModel | OutputModel | DescriptorModel
@@ -37,6 +38,7 @@ class Results:
     data: Trajectories | None
     record: Record | None
     held: Trajectories | None = None
+    time_limit: float | int = 60.0
 
     @property
     def time_unit(self) -> str:
@@ -58,7 +60,7 @@ class Results:
     @cached_property
     def plant(self) -> PlantMargin | None:
         """What the measurements say of the plant, where the model has few columns and a residual margin."""
-        return of_plant(self.verdict, self.data, self.hold)
+        return of_plant(self.verdict, self.data, self.hold, self.time_limit)
 
 
 def held_out(data: Trajectories | None, scores: Scores | None) -> Trajectories | None:

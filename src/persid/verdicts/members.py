@@ -26,23 +26,27 @@ SECONDS = 60.0
 
 
 def certified_members(
-    certificate: Certificate | NetworkCertificate, rows: tuple[Deviation, ...]
+    certificate: Certificate | NetworkCertificate, rows: tuple[Deviation, ...], time_limit: float | int = SECONDS
 ) -> tuple[float, Certificate | NetworkCertificate] | None:
     """Return rho, and the certificate of every model within rho times the ellipsoids about a certified model.
+
+    The search ends after `time_limit` s with what it has.
 
     It is one about each model's own equilibria, so V is made of nondecreasing forms alone, or is a weighted l1 norm.
     None where no multiple is found, and where the ellipsoids reach functions that the model does not use.
     """
     if not rows:
         return None
+    log = Log(float(time_limit), lambda _: None)
     if isinstance(certificate, NetworkCertificate):
-        return _of_network(certificate.model, rows)
-    return _of_states(certificate, rows) or _of_network(certificate.model, rows)
+        return _of_network(certificate.model, rows, log)
+    return _of_states(certificate, rows, log) or _of_network(certificate.model, rows, log)
 
 
-def _of_network(model: PersidskiiModel, rows: tuple[Deviation, ...]) -> tuple[float, NetworkCertificate] | None:
+def _of_network(
+    model: PersidskiiModel, rows: tuple[Deviation, ...], log: Log
+) -> tuple[float, NetworkCertificate] | None:
     """Return the same by claim L1."""
-    log = Log(SECONDS, lambda _: None)
 
     def ask(rho: float, _: tuple[float, NetworkCertificate] | None) -> tuple[float, NetworkCertificate] | None:
         found = prove_members(model, _times(rows, rho))
@@ -53,9 +57,9 @@ def _of_network(model: PersidskiiModel, rows: tuple[Deviation, ...]) -> tuple[fl
     return gentle or best
 
 
-def _of_states(certificate: Certificate, rows: tuple[Deviation, ...]) -> tuple[float, Certificate] | None:
+def _of_states(certificate: Certificate, rows: tuple[Deviation, ...], log: Log) -> tuple[float, Certificate] | None:
     """Return the same by a V of quadratic forms and integrals, about a point that holds for all states."""
-    setting, log = _setting(certificate), Log(SECONDS, lambda _: None)
+    setting = _setting(certificate)
     if setting is None:
         return None
     question = question_of(setting)
