@@ -16,6 +16,7 @@ from numpy import ndarray
 from scipy.signal import tf2ss
 from scipy.special import gamma
 
+import flows
 import persid as ps
 
 BISECTIONS = 9
@@ -187,6 +188,12 @@ PUBLISHED: tuple[Published, ...] = (
     *(Slope(f"relu network, n = 8, {seed}", _network("relu(x)", 8, seed), reached, None, None,
             "drawn at random", "share of the linear limit", before)
       for seed, reached, before in ((0, 0.55, 0.51), (1, 1.7, 0.77), (2, 1.08, 0.65))),
+    Slope("Lorenz, sigma = 10, b = 8/3: r", flows.lorenz, 0.98, 1.0, 1.0,
+          "Lorenz, J. Atmos. Sci. 20 (1963)", unit="largest r", before=0.0),
+    Slope("five modes of a forced flow", flows.five_modes, 6.0, None, 6.124,
+          "Boldrighini & Franceschini, Commun. Math. Phys. 64 (1979)", unit="largest R", before=0.0),
+    Slope("Rabinovich's waves, dampings 4, 1, 1", flows.rabinovich, 1.97, None, 2.0,
+          "Pikovskii, Rabinovich & Trakhtengerts, Sov. Phys. JETP 47 (1978)", unit="largest h", before=0.0),
     # regions
     Region("x' = -x + x^3", ps.PersidskiiModel([[-1.0]], [("x**3", None, [[1.0]])], [[1.0]]), 1.99, 2.0, 2.0, KHALIL,
            unit="length"),
@@ -230,6 +237,8 @@ PUBLISHED: tuple[Published, ...] = (
            "Duffing's equation"),
     Stable("three masses, cubic springs", _chain(3, "x**3"), 0.044, None, None, "a chain from a wall"),
     Stable("five masses, sinh springs", _chain(5, "sinh(x)"), 0.018, None, None, "a chain from a wall"),
+    Stable("Euler's rotating body, damped", flows.body((1.0, 2.0, 3.0), np.diag([0.1, 0.2, 0.3])), 0.09, None, 0.1,
+           KHALIL, before=0.0),
     Stable("Hopfield's network, two neurons",
            ps.PersidskiiModel(-np.eye(2), [("tanh(x)", None, [[0.5, 2.0], [-2.0, 0.5]])], np.eye(2)), 0.23, None, 0.5,
            "Hopfield, Proc. Natl. Acad. Sci. 81 (1984)"),

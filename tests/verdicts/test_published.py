@@ -8,7 +8,8 @@ from published_problems import BY_NAME, PUBLISHED, Published, Region, Slope, Sta
 QUICK = (
     "x' = -x - x^3 + u", "spring that hardens, damping .5", "spring that hardens, damping .02", "x' = -sat(x) + u",
     "van der Pol's oscillator", "Chua's circuit", "Hopfield's network, two neurons",
-    "Goodwin's oscillator below its threshold",
+    "Goodwin's oscillator below its threshold", "Euler's rotating body, damped", "Lorenz, sigma = 10, b = 8/3: r",
+    "five modes of a forced flow", "Rabinovich's waves, dampings 4, 1, 1",
 )  # fmt: skip
 
 

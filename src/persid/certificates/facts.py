@@ -215,7 +215,22 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[obj
                 facts["constant"].append([p, listed, dyadic(value)])
             case ("difference", p, q, sign, k, j):
                 facts["difference"].append([p, q, sign, at[p][k], at[p][j], dyadic(value)])
+    if identity := _identity(proposal):
+        facts["identity"] = identity
     return curves, points, facts, _equations(proposal, at)
+
+
+def _identity(proposal: Proposal) -> list[object]:
+    """Return the sum of all identities with their multipliers, [i, j, sigma] with i >= j, over all channels."""
+    frame = proposal.frame
+    channels = {at: frame.n + c for c, at in frame.places.items()}
+    total: dict[tuple[int, int], Fraction] = {}
+    for k, identity in enumerate(frame.identities):
+        tau = proposal.values.get(("identity", k), Fraction(0))
+        for i, j, sigma in identity if tau else ():
+            a, b = sorted((channels.get(i, i), channels.get(j, j)))
+            total[b, a] = total.get((b, a), Fraction(0)) + tau * sigma
+    return [[*place, dyadic(value)] for place, value in sorted(total.items()) if value]
 
 
 def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:

@@ -51,7 +51,8 @@ class Frame:
 
     `lone` is 1 where the constant b is one more input. `between` solutions holds what is proved with V = x'P x and
     products of two nondecreasing forms at one point. `sloped`: V reads values of functions, and slopes along solutions
-    make facts. In badly scaled coordinates `basis` has the rows of better ones, and P is made of their products.
+    make facts. In badly scaled coordinates `basis` has the rows of better ones, and P is made of their products. Of
+    each of the `identities` the sum of all 2 sigma zeta_i zeta_j, (i, j, sigma) in it, is zero for every x.
     """
 
     model: Model
@@ -61,6 +62,7 @@ class Frame:
     sloped: bool = False
     solving: Mapping[Label, Fraction] = field(default_factory=dict)  # why equations have one solution
     basis: tuple[Row, ...] = ()
+    identities: tuple[tuple[tuple[int, int, Fraction], ...], ...] = ()
 
     @property
     def monotone(self) -> "Frame":
@@ -147,7 +149,7 @@ class Frame:
         if self.between:
             return [*self._quadratic(kappa), *self._values(), *self._equations()]
         joint = self._across() if across else ()
-        known = (*self._values(), *joint, *self._slopes(), *self._equations())
+        known = (*self._values(), *joint, *self._slopes(), *self._equations(), *self._identities())
         return [*self._quadratic(kappa), *self._densities(kappa), *known]
 
     def _equations(self) -> Iterator[Unknown]:
@@ -155,6 +157,11 @@ class Frame:
             down = {j: -v for j, v in self.flow[h].items()}
             for i in range(self.width):
                 yield Unknown(("equation", h - self.order, i), (({i: _ONE}, down),), multiplier=False)
+
+    def _identities(self) -> Iterator[Unknown]:
+        for k, identity in enumerate(self.identities):
+            pairs = tuple(({i: _ONE}, {j: -sigma}) for i, j, sigma in identity)
+            yield Unknown(("identity", k), pairs, multiplier=False)
 
     def _quadratic(self, kappa: Fraction) -> Iterator[Unknown]:
         return self._stepped(kappa) if self.model.is_discrete else self._flowing(kappa)

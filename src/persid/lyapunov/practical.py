@@ -50,8 +50,9 @@ class Rough(Frame):
     constants: dict[tuple[int, int, int], float] = field(default_factory=dict)
 
     def unknowns(self, kappa: Fraction, *, across: bool) -> list[Unknown]:
-        """Return P, densities, products of sector forms, and products with constants."""
-        return [*self._quadratic(kappa), *self._densities(kappa), *self._values(), *self._constants()]
+        """Return P, densities, products of sector forms, products with constants, and identities."""
+        known = (*self._values(), *self._constants(), *self._identities())
+        return [*self._quadratic(kappa), *self._densities(kappa), *known]
 
     @property
     def constants_seen(self) -> dict[tuple[int, int, int], float]:
@@ -90,7 +91,7 @@ def rough_frame(frame: Frame, r: float) -> Rough:
         at_0 = point.curve.values(np.zeros(1))[0]
         resting = (form for form in point.forms if not float(at_0 @ np.array(form.form)))
         points.append(replace(point, forms=(*resting, *far_forms(point.curve, r))))
-    return Rough(frame.model, tuple(points), frame.lone)
+    return Rough(frame.model, tuple(points), frame.lone, identities=frame.identities)
 
 
 @lru_cache(maxsize=4096)

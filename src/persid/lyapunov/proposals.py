@@ -182,7 +182,8 @@ def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Cand
     solvable, matrices = built
     candidate = Candidate(frame, kappa, solvable, matrices, np.zeros(len(solvable.free)))
     try:
-        plain = not (solvable.zero or frame.is_regional or frame.sloped or frame.order < frame.n)
+        free = frame.order < frame.n or bool(frame.identities)  # multipliers of any sign
+        plain = not (solvable.zero or frame.is_regional or frame.sloped or free)
         w = _priced(matrices, left) if plain else _centred(candidate, left)
         candidate = replace(candidate, w=w)
         return candidate if np.isfinite(candidate.gamma(w)) else None
@@ -257,7 +258,7 @@ def _first(candidate: Candidate) -> ndarray:
         w = np.array(
             [each.multiplier or square for each, square in zip(solvable.unknowns, squares, strict=True)], float
         )
-    return np.asarray(START * w / np.linalg.norm(w))
+    return np.asarray(START * w / max(float(np.linalg.norm(w)), 1e-300))
 
 
 def best_rate(frame: Frame, fastest: float, left: Left) -> Candidate | None:

@@ -134,10 +134,10 @@ def _largest_support(unknowns: Sequence[Unknown], equations: Sequence[dict[int, 
 def _eliminated(
     unknowns: tuple[Unknown, ...], zero: tuple[int, ...], equations: Sequence[dict[int, Fraction]], y: ndarray
 ) -> Solvable:
-    """Solve the equations for unknowns as far left as can be: entries of P first, whose sign is free."""
+    """Solve the equations for unknowns whose signs are free as far as can be: identities first, then P."""
     J, pivots = len(unknowns), dict[int, dict[int, Fraction]]()
     if equations:
-        order = sorted(range(J), key=lambda k: (unknowns[k].multiplier, -y[k]))
+        order = sorted(range(J), key=lambda k: (unknowns[k].label[0] != "identity", unknowns[k].multiplier, -y[k]))
         place = {k: at for at, k in enumerate(order)}
         A = fmpq_mat(len(equations), J)
         for i, equation in enumerate(equations):

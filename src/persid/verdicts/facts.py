@@ -14,6 +14,7 @@ from persid.errors import RejectedError, RoundingError
 from persid.lyapunov import decay
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.frame import Frame
+from persid.lyapunov.identities import with_identities
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import points_of
@@ -54,6 +55,12 @@ def with_slopes(setting: Setting, frame: Frame) -> Frame:
     rows = () if better is None else rounded(better.S, COARSE)
     basis = tuple({int(i): Fraction(float(row[i])) for i in np.flatnonzero(row)} for row in rows)
     return replace(frame, sloped=True, basis=basis)
+
+
+def with_products(setting: Setting, frame: Frame) -> list[Frame]:
+    """Return the frame with identities of polynomials: of a state and a function, then of two functions, too."""
+    first, more = (with_identities(frame, setting.point, squares=squares) for squares in (False, True))
+    return [each for each in (first, more) if each.identities][: 1 + (len(more.identities) > len(first.identities))]
 
 
 def has_zero_rows(frame: Frame) -> bool:

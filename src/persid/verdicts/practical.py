@@ -4,13 +4,14 @@ from dataclasses import replace
 
 from persid.certificates.certificate import Certificate
 from persid.certificates.facts import proved, proved_far
+from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.practical import ball_of, rough_frame, smallest_balls
 from persid.lyapunov.proposals import system_of
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import scaling
 from persid.models.model import PersidskiiModel
-from persid.verdicts.facts import About, certificate_of, frame_of
+from persid.verdicts.facts import About, certificate_of, frame_of, with_products
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import Log
 
@@ -23,6 +24,17 @@ def practically(model: PersidskiiModel, each: bool, log: Log) -> Certificate | F
     setting = Setting.of(model, None)
     frame = frame_of(setting)
     frame = replace(frame, points=tuple(map(proved, frame.points)))
+    failure = stopped(Status.INFEASIBLE)
+    for known in (frame, *with_products(setting, frame)):
+        answer = _ball(setting, known, each, log)
+        if isinstance(answer, Certificate):
+            return answer
+        failure = answer
+    return stopped(Status.TIME) if log.left() <= 0 else failure
+
+
+def _ball(setting: Setting, frame: Frame, each: bool, log: Log) -> Certificate | Failure:
+    """Certify the smallest ball that what a frame knows can prove."""
     reserve = (1 - SEARCHING) * log.left()
     failure = stopped(Status.INFEASIBLE)
     for seen in smallest_balls(frame, scaling(system_of(frame)).rate, lambda: log.left() - reserve)[:PROVED]:
@@ -32,4 +44,4 @@ def practically(model: PersidskiiModel, each: bool, log: Log) -> Certificate | F
         if isinstance(answer, Certificate):
             return answer
         failure = answer
-    return stopped(Status.TIME) if log.left() <= 0 else failure
+    return failure

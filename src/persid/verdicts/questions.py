@@ -19,7 +19,7 @@ from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
-from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows, with_slopes
+from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows, with_products, with_slopes
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import ALL_STATES, Log
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
@@ -148,6 +148,7 @@ def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> list[Way]:
     if asked.model.is_discrete:
         return [*ways, partial(_by_facts, asked, setting, frame, log)]
     ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
+    ways += [partial(_by_facts, asked, setting, known, log) for known in with_products(setting, frame)]
     sloped = with_slopes(setting, frame)
     if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
         ways.append(partial(_by_facts, asked, setting, sloped, log))
@@ -191,8 +192,9 @@ def _by_forms(asked: Question, setting: Setting, log: Log) -> Certified | Failur
 
 
 def _by_facts(asked: Question, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
-    """Certify with facts across channels, and with rows that are exactly zero; or with slopes along solutions, too."""
+    """Certify with facts across channels, and with rows that are exactly zero; slopes or identities, too."""
     what = "slopes along solutions" if frame.sloped else "facts across functions, rows that are zero"
+    what = "products of states that cancel" if frame.identities else what
     with log.attempt(what) as outcome:
         found, fastest = by_facts(About.of(setting), frame, asked.rate, asked.each, log)
         outcome.append(_word(found))

@@ -11,6 +11,7 @@ from flint import fmpq
 from persid_check.exact import Matrix, Number, scattered
 from persid_check.expression import Program
 from persid_check.ledger.values import Ledger
+from persid_check.model import Channel, Model
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 
@@ -57,15 +58,23 @@ def form_of_identity(ledger: Ledger, size: int) -> Matrix:
 
 def _entry(ledger: Ledger, i: int) -> Polynomial:
     """Return entry i of (x, s) as a polynomial of x, which is less x* from here on."""
-    model, ball = ledger.model, ledger.ball
+    model = ledger.model
     if i < model.n:
         return {(i,): fmpq(1)}
-    channel = model.channels[i - model.n]
+    return polynomial(model, model.channels[i - model.n], None if ledger.ball is None else ledger.ball.x)
+
+
+def polynomial(model: Model, channel: Channel, point: Sequence[Fraction] | None) -> Polynomial:
+    """Return the value of a channel as a polynomial of x, from a point; None is x_ref, and nothing is subtracted.
+
+    Raises:
+        NotProvedError: its function is no polynomial, or too large a one.
+    """
     spend(len(channel.row) + 1)
     coefficients = _coefficients(channel.program)
     y: Polynomial = {(k,): _exact(r) for k, r in channel.row.items() if r}
-    if ball is not None:
-        at = sum((r * (ball.x[k] - model.x_ref[k]) for k, r in channel.row.items()), Fraction(0))
+    if point is not None:
+        at = sum((r * (point[k] - model.x_ref[k]) for k, r in channel.row.items()), Fraction(0))
         moved = _value(coefficients, {(): _exact(at), (0,): fmpq(1)} if at else {(0,): fmpq(1)})
         coefficients = [fmpq(0), *(moved.get((0,) * k, fmpq(0)) for k in range(1, len(coefficients)))]
     return _value(coefficients, y)

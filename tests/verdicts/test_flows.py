@@ -1,0 +1,110 @@
+"""Models with products of states that cancel in V' are certified for all states, and only where they are stable."""
+
+import time
+
+import numpy as np
+import pytest
+
+import flows
+import persid as ps
+from checker.sampled import faults
+from checker.test_identities import identity_is_zero
+from persid.lyapunov.identities import with_identities
+from persid.lyapunov.shifted_model import Setting
+from persid.verdicts.facts import frame_of
+
+HOW = "products of states that cancel"
+
+
+def _certified(model: ps.PersidskiiModel, **asked: object) -> ps.Certified:
+    verdict = ps.certify(model, **asked)
+    assert isinstance(verdict, ps.Certified), verdict
+    assert verdict.attempts[-1].what.startswith(HOW) or "ball" in verdict.attempts[-1].what
+    assert verdict.certificate.scope == "global"
+    assert faults(verdict.certificate.content, samples=200) == []
+    return verdict
+
+
+@pytest.mark.parametrize("r", [0.5, 0.9, 0.99, 0.9999])
+def test_lorenz_is_certified_up_to_where_its_rest_is_lost(r: float) -> None:
+    """Below r = 1 the rest at 0 attracts every run: certified, with nearly the rate of the linearisation."""
+    model = flows.lorenz(r)
+    verdict = _certified(model)
+    truth = -np.linalg.eigvals(model.jacobian(np.zeros(3))).real.max()
+    assert 0.85 * truth <= verdict.best_rate <= truth
+
+
+@pytest.mark.parametrize("r", [1.0, 1.001, 28.0])
+def test_lorenz_is_not_certified_from_there_on(r: float) -> None:
+    """At r = 1 the linearisation is marginal, beyond the rest is unstable."""
+    assert not ps.certify(flows.lorenz(r)).is_certified
+
+
+def test_every_run_of_lorenz_comes_into_a_ball() -> None:
+    """At r = 28 nothing rests, but |x|^2 about (0, 0, 38) falls outside a ball, of radius 39.3 in the literature."""
+    verdict = _certified(flows.lorenz_about_a_ball(28.0), claim="practical")
+    assert verdict.certificate.claim == "practical"
+    assert 39.2 < verdict.certificate.spread < 60
+
+
+def test_a_tumbling_body_with_damping_is_certified_for_all_torques() -> None:
+    """Euler's rotating body: moments whose products do not cancel in binary64 alone, damping that mixes the axes."""
+    damping = np.array([[0.1, 0.05, 0.0], [-0.05, 0.2, 0.0], [0.0, 0.01, 0.3]])
+    verdict = _certified(flows.body((1.5, 2.25, 3.1), damping))
+    assert verdict.certificate.gain < 100
+    assert not ps.certify(flows.body((1.0, 2.0, 3.0), -damping)).is_certified
+
+
+@pytest.mark.parametrize(("h", "certified"), [(1.0, True), (1.98, True), (2.02, False)])
+def test_waves_are_certified_up_to_the_threshold(h: float, certified: bool) -> None:
+    """Rabinovich's waves, whose products keep no |x|^2: the rest is stable for h^2 < 4, and so globally."""
+    assert ps.certify(flows.rabinovich(h)).is_certified == certified
+
+
+@pytest.mark.parametrize(("R", "certified"), [(1.0, True), (6.0, True), (6.2, False)])
+def test_five_modes_of_a_flow_are_certified_up_to_the_threshold(R: float, certified: bool) -> None:
+    """Five modes about a forced rest, which is unstable from R = 6.12 on."""
+    assert ps.certify(flows.five_modes(R)).is_certified == certified
+
+
+@pytest.mark.parametrize("n", [3, 5, pytest.param(9, marks=pytest.mark.long)])
+def test_random_truncations_are_certified_where_they_are_damped(n: int) -> None:
+    """Energy falls in them: certified within a minute, and their runs come to rest."""
+    rng, started = np.random.default_rng(n), time.process_time()
+    for _ in range(3 if n < 9 else 1):
+        _certified(flows.drawn(rng, n, -0.5))
+    assert time.process_time() - started < 60
+
+
+@pytest.mark.parametrize("n", [3, 5])
+def test_random_truncations_that_grow_are_never_certified(n: int) -> None:
+    """One direction of growth, however small, and no verdict is Certified."""
+    rng = np.random.default_rng(n)
+    for growth in (0.5, 1e-3, 1e-9):
+        assert not ps.certify(flows.drawn(rng, n, growth), time_limit=10).is_certified
+
+
+def test_products_that_do_not_cancel_are_not_certified() -> None:
+    """Without the product in one equation runs escape, or none is known not to."""
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        A0 = -np.eye(3)
+        products = {(0, 1, 2): 1.0, (1, 0, 2): 1.0, (2, 0, 1): float(rng.uniform(0.5, 2))}
+        assert not ps.certify(flows.flow(A0, products), time_limit=10).is_certified
+
+
+def test_identities_of_a_model_are_zero() -> None:
+    """Each identity that the search is given vanishes at random states, in fractions."""
+    for model in (flows.lorenz(0.5), flows.five_modes(1.0), flows.drawn(np.random.default_rng(1), 5, -0.5)):
+        frame = with_identities(frame_of(Setting.of(model, None)), None, squares=True)
+        assert frame.identities
+        channels = {at: frame.n + c for c, at in frame.places.items()}
+        for identity in frame.identities[:50]:
+            placed = [(channels.get(i, i), channels.get(j, j), sigma) for i, j, sigma in identity]
+            assert identity_is_zero(frame.model, placed)
+
+
+def test_a_model_whose_functions_are_no_polynomials_has_none() -> None:
+    """Sines and relus have no identities, and certify tries none."""
+    model = ps.PersidskiiModel(-np.eye(2), [("sin(x)", None, 0.1 * np.eye(2))], np.eye(2))
+    assert with_identities(frame_of(Setting.of(model, None)), None, squares=True).identities == ()
