@@ -15,7 +15,7 @@ import counting_clock
 from snippets import TIME, Block, prepare, run
 
 ROOT = Path(__file__).resolve().parents[1]
-MAKERS = ("make_command_line", "make_rooms", "make_gallery", "make_tutorial", "make_readme")
+MAKERS = ("make_command_line", "make_rooms", "make_trust", "make_gallery", "make_tutorial", "make_readme")
 
 
 def renewed(page: Path, folder: Path) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import benchmark_tables
 import make_rooms
+import make_trust
 import pytest
 from snippets import FENCE, RUNNABLE, blocks, prepare, run
 
@@ -177,3 +178,11 @@ def test_the_figures_of_the_house_count_its_rooms() -> None:
     assert re.fullmatch(r"\d+ files, \d+ imports on \d+ floors, no circle", first)
     assert [line.split()[0] for line in rooms] == make_rooms.layers()[:-1]
     assert all(int(line.split()[1]) > 0 for line in rooms)
+
+
+def test_the_lines_of_the_checker_are_counted() -> None:
+    """The table of what there is to read is of the checker as it stands, and leaves out no file."""
+    assert make_trust.table() in make_trust.PAGE.read_text("utf-8"), "run python docs/make_trust.py"
+    rows = {**make_trust.OF_A_LEDGER, **make_trust.OTHERS}.values()
+    listed = [path for names in rows for path in make_trust.files(names)]
+    assert sorted(listed) == sorted(make_trust.CHECKER.rglob("*.py"))
