@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from persid.models.lookup_tables import lookup_table as lookup_table
     from persid.models.model import PersidskiiModel as PersidskiiModel
     from persid.models.outputs import OutputModel as OutputModel
+    from persid.models.products import products as products
     from persid.models.recurrent import from_rnn as from_rnn
     from persid.networks.certificate import NetworkCertificate as NetworkCertificate
     from persid.plants.margin import PlantMargin as PlantMargin
@@ -85,6 +86,7 @@ _HOMES = {
     "persid.models.lookup_tables": ("lookup_table",),
     "persid.models.model": ("PersidskiiModel",),
     "persid.models.outputs": ("OutputModel",),
+    "persid.models.products": ("products",),
     "persid.networks.certificate": ("NetworkCertificate",),
     "persid.plants.margin": ("PlantMargin", "plant_margin"),
     "persid.certificates.obstruction": ("Obstruction",),
@@ -151,6 +153,7 @@ __all__ = [
     "open_recordings",
     "plant_margin",
     "plots",
+    "products",
     "rates_and_gains",
     "read_csv",
     "read_measurements",

@@ -206,13 +206,26 @@ def test_sindy_models_come_in(kind, inputs):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_cross_terms_of_sindy_are_refused_by_name():
-    """A term of two states that is used is named; one that is not used does no harm."""
+def test_products_of_states_of_sindy_come_in():
+    """A product of two states is written by squares of their sum and difference; the right side is the same."""
     lib = pytest.importorskip("pysindy").feature_library
     x, _, _ = runs()
-    dot = np.stack([-x[:, 0] + 2 * x[:, 0] * x[:, 1], -x[:, 1]], axis=1)
-    with pytest.raises(ModelError, match="'x0 x1' is no function of a single state"):
-        ps.from_pysindy(fitted(lib.PolynomialLibrary(degree=2), x, dot))
+    dot = np.stack([-x[:, 0] + 2 * x[:, 0] * x[:, 1], -x[:, 1] - 2 * x[:, 0] ** 2], axis=1)
+    sindy = fitted(lib.PolynomialLibrary(degree=2), x, dot)
+    model = ps.from_pysindy(sindy)
+    assert np.allclose(model.rhs(x), sindy.predict(x), atol=1e-12)
+    assert np.allclose(model.rhs(x), dot, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_other_cross_terms_of_sindy_are_refused_by_name():
+    """A term of two states that is no product of them, or of a state and an input, is named."""
+    lib = pytest.importorskip("pysindy").feature_library
+    x, _, u = runs(inputs=1)
+    for beside, name in ((x[:, 0] ** 2 * x[:, 1], r"x0\^2 x1"), (x[:, 0] * u[:, 0], "x0 u0")):
+        dot = np.stack([-x[:, 0] + 2 * beside, -x[:, 1]], axis=1)
+        with pytest.raises(ModelError, match=f"'{name}' is no function of a single state"):
+            ps.from_pysindy(fitted(lib.PolynomialLibrary(degree=3), x, dot, u))
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -1,4 +1,4 @@
-"""Models of PySINDy as Persidskii models, where every term that is used is a function of one state."""
+"""Models of PySINDy as Persidskii models, where every term is a function of one state or a product of two."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,17 +11,19 @@ from numpy import ndarray
 from persid._libraries import library
 from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
+from persid.models.products import products
 
 TOLERANCE = 1e-9  # relative; the same formula in another order of operations stays far below
 
 
 @dataclass(frozen=True)
 class _Feature:
-    """One column of a library: an expression of one variable, or the constant, or (both None) neither."""
+    """One column of a library: an expression of one variable, a product of two, the constant, or (all None) neither."""
 
     expression: str | None = None
     variable: int | None = None
     constant: bool = False
+    pair: tuple[int, int] | None = None
 
 
 def from_pysindy(model: object, functions: Sequence[str] = ()) -> PersidskiiModel:
@@ -30,7 +32,8 @@ def from_pysindy(model: object, functions: Sequence[str] = ()) -> PersidskiiMode
     Its library may be made of PolynomialLibrary, FourierLibrary, CustomLibrary, ConcatLibrary and GeneralizedLibrary.
     `functions` are the expressions of the custom functions, such as ["sinh(x)", "tanh(x)"], one each in their order:
     code cannot be read. Only terms with a nonzero coefficient count; each must be a constant, a function of one state,
-    or an input itself. What is returned has been compared with `model.predict` on random states.
+    a product of two states, or an input itself. What is returned has been compared with `model.predict` on random
+    states.
 
     Raises:
         ModelError: a term is none of these (it is named), or an expression is not the function in the library.
@@ -74,6 +77,8 @@ def _features(part: Any, variables: list[int], texts: Iterator[str]) -> Iterator
 
 def _monomial(powers: ndarray, variables: list[int]) -> _Feature:
     used = np.flatnonzero(powers)
+    if len(used) == 2 and powers.sum() == 2:
+        return _Feature(pair=(variables[used[0]], variables[used[1]]))
     if len(used) != 1:
         return _Feature(constant=len(used) == 0)
     power = int(powers[used[0]])
@@ -100,14 +105,20 @@ def _assembled(model: Any, features: list[_Feature], n: int) -> PersidskiiModel:
     coefficients, names = np.array(model.coefficients(), float), model.get_feature_names()
     m = model.n_control_features_
     A: dict[str, ndarray] = {}
+    pairs: dict[tuple[int, int], ndarray] = {}
     B, b = np.zeros((n, m)), np.zeros(n)
     for column, feature, name in zip(coefficients.T, features, names, strict=True):
         if not column.any():
             continue
         if feature.constant:
             b += column
+        elif feature.pair is not None and max(feature.pair) < n:
+            pairs[feature.pair] = pairs.get(feature.pair, np.zeros(n)) + column
         elif feature.variable is None or feature.expression is None:
-            raise ModelError(f"the term {name!r} is no function of a single state; leave it out of PySINDy's library")
+            raise ModelError(
+                f"the term {name!r} is no function of a single state, nor a product of two states; leave it out of "
+                "PySINDy's library"
+            )
         elif feature.variable < n:
             A.setdefault(feature.expression, np.zeros((n, n)))[:, feature.variable] += column
         elif feature.expression == "x":
@@ -116,7 +127,8 @@ def _assembled(model: Any, features: list[_Feature], n: int) -> PersidskiiModel:
             raise ModelError(f"the term {name!r} is not linear in the input; leave it out of PySINDy's library")
     A0 = A.pop("x", np.zeros((n, n)))
     states, inputs = model.feature_names[:n], model.feature_names[n:]
-    return PersidskiiModel(A0, [(f, None, M) for f, M in A.items()], B, b, states=states, inputs=inputs)
+    terms = [*((f, None, M) for f, M in A.items()), *([products(pairs)] if pairs else [])]
+    return PersidskiiModel(A0, terms, B, b, states=states, inputs=inputs)
 
 
 def _compare(model: Any, result: PersidskiiModel) -> None:
