@@ -199,9 +199,12 @@ class _Search:
 
     def run(self, linear: Sequence[LinearFit]) -> None:
         """Race the candidates of the best orders, then try more states, a weaker ridge, and no feedthrough."""
-        first = selection.best_order(linear)
-        chosen = [one for one in linear if one.latent.n in (first, first + 1)]
-        self._race([self._stable(one) for one in chosen], self._sizes())
+        stable = [self._stabilised(one) for one in linear]
+        first = selection.best_order(stable)
+        chosen = [k for k, one in enumerate(stable) if one.latent.n in (first, first + 1)]
+        for k in chosen:
+            self._doubt(linear[k], stable[k])
+        self._race([stable[k] for k in chosen], self._sizes())
         while self.question.order is None and self._climbs(linear):
             pass
         best, group, k = self._best()
@@ -221,7 +224,7 @@ class _Search:
         """Take the best linear model, where the search was interrupted before there was a candidate."""
         if not self.groups:
             least = selection.best_order(linear)
-            best = self._stable(next(one for one in linear if one.latent.n == least))
+            best = self._stabilised(next(one for one in linear if one.latent.n == least))
             self.groups.append(selection.group_of(best, 0, self.question, self.pieces, (0.0,)))
 
     def winner(self) -> Winner:
@@ -242,18 +245,18 @@ class _Search:
         sizes = (*selection.SIZES, *(selection.HARDENING if self.loud and self.question.certified else ()))
         return [(0, 0), *((q, hard) for q, hard in sizes if 20 * q < values)]
 
-    def _stable(self, linear: LinearFit) -> LinearFit:
-        if not self.question.certified:
-            return linear
-        moved = selection.stabilised(linear, self.pieces, self.question)
+    def _stabilised(self, linear: LinearFit) -> LinearFit:
+        return selection.stabilised(linear, self.pieces, self.question) if self.question.certified else linear
+
+    def _doubt(self, linear: LinearFit, stable: LinearFit) -> None:
+        """Say so where a linear model is unstable and foretells far better than the stable one."""
         grows = linear.slowest * max(len(u) for u, _ in self.part) > LEAKS  # else it integrates
-        if linear.held_out < UNSTABLE * moved.held_out and grows:
-            pole, ratio = linear.slowest, moved.held_out / linear.held_out
+        if linear.held_out < UNSTABLE * stable.held_out and grows:
+            pole, ratio = linear.slowest, stable.held_out / linear.held_out
             self.remarks.append(
                 f"the best linear model of order {linear.latent.n} is unstable (a pole at {pole:+.3g} per sample) and "
                 f"foretells the held-out part {ratio:.1f} times better than the best stable one"
             )
-        return moved
 
     def _race(
         self, linear: Sequence[LinearFit], sizes: Sequence[tuple[int, int]], ridges: Sequence[float] = ()
@@ -283,7 +286,9 @@ class _Search:
             found = found or selection.linear_fit(self.part, self.pieces, n, self.question)
         except DataError:
             return False
-        self._race([self._stable(found)], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
+        stable = self._stabilised(found)
+        self._doubt(found, stable)
+        self._race([stable], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
         return self._best()[0].held_out < BETTER * best.held_out
 
     def _grows(self) -> bool:

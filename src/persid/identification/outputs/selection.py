@@ -262,6 +262,9 @@ def raced(
 ) -> list[float]:
     """Fit all candidates for some steps, go on with the best, and so on; return the least held-out error of each rung.
 
+    Beside the best on held-out samples go on those that follow the fitted ones best: on its way to a better model a
+    candidate may foretell less for a while.
+
     `record` are those of an earlier race: who trails far behind is given up.
     """
     least: list[float] = []
@@ -272,8 +275,10 @@ def raced(
         least.append(ranking[0][0].held_out)
         most = HOPELESS * min([least[-1], *record[len(least) - 1 : len(least)]])
         places = min(survivors, ceil(len(ranking) / SHARE))
-        for place, (candidate, group, k) in enumerate(ranking):
-            group.fit.ended[k] |= place >= places or candidate.held_out > most
+        learning = sorted(ranking, key=lambda one: one[0].error)[: ceil(places / SHARE)]
+        chosen = {(id(group), k) for _, group, k in (*ranking[:places], *learning)}
+        for candidate, group, k in ranking:
+            group.fit.ended[k] |= (id(group), k) not in chosen or candidate.held_out > most
     return least
 
 
