@@ -15,7 +15,7 @@ from math import ceil
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from persid.models.vector_field import VectorField
@@ -93,6 +93,19 @@ def swept(
     return found
 
 
+def corrections(
+    gap: Float[ndarray, "*K S n"], flow: Float[ndarray, "*K S n n"], follows: Bool[ndarray, " S"]
+) -> Float[ndarray, "*K S n"]:
+    """Return Newton's changes of the states at which pieces start: each is its gap and what the one before flows into.
+
+    `gap` is the end of the piece before less the start, `flow` the derivative Phi of a piece's end by its start.
+    """
+    change = gap.copy()
+    for s in np.flatnonzero(follows[1:]) + 1:
+        change[..., s, :] += (flow[..., s - 1, :, :] @ change[..., s - 1, :, None])[..., 0]
+    return change
+
+
 def run(
     field: VectorField,
     x0: Float[ndarray, " n"],
@@ -165,8 +178,6 @@ class _Record:
         self.Phi = np.nan_to_num(np.stack(columns, axis=-1), posinf=0.0, neginf=0.0)
 
     def _corrected(self, ends: ndarray) -> Float[ndarray, "S n"]:
-        """Return the next starts: s_{i+1} = e_i + Phi_i (s_i_new - s_i_old)."""
-        found = self.starts.copy()
-        for i, Phi in enumerate(self.Phi[:-1]):
-            found[i + 1] = ends[i] + Phi @ (found[i] - self.starts[i])
-        return found
+        gap = np.zeros_like(ends)
+        gap[1:] = ends[:-1] - self.starts[1:]
+        return np.asarray(self.starts + corrections(gap, self.Phi, np.ones(self.pieces, bool)))

@@ -26,6 +26,7 @@ SQUARES = (1e3, 1e6, 1e9)  # weights of what misses a known entry, in the same u
 ROOM = 1.2  # of the rate that is asked for, for the fit: at a fit's own rate the gains that are proved have no bound
 GROWTH = 20  # all data are reached in stages, each of so many times the samples of the one before
 REFINED = 1.02  # halved substeps may raise the error to this share; else the fit goes on with them
+EXACT, EXACTEST = 1e-6, 128  # by which share halved substeps may change the error that is told; most substeps a sample
 UNSTABLE = 0.5  # an unstable linear model has to lower the error of the best stable one to this share to be believed
 
 
@@ -351,12 +352,27 @@ def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell) -> tuple[W
 def _refined(task: Task, fit: Fit) -> tuple[Task, Fit]:
     """Return the task with substeps that are short enough for a fit, and the fit with them."""
     while task.substeps < selection.FINEST:
-        finer = replace(task, substeps=2 * task.substeps)
-        check = least_squares.begun(finer, fit.batch, least_squares.NEAR)
+        finer, check = _halved(task, fit)
         if check.error[0] <= REFINED * fit.error[0]:
             break
         task, fit = finer, check
     return task, fit
+
+
+def _exact(task: Task, fit: Fit) -> tuple[Task, Fit]:
+    """Return both with substeps so short that the error is that of the equations, which are delivered."""
+    while task.substeps < EXACTEST:
+        before = fit.error[0]
+        task, fit = _halved(task, fit)
+        if abs(fit.error[0] - before) <= EXACT * before:
+            break
+    return task, fit
+
+
+def _halved(task: Task, fit: Fit) -> tuple[Task, Fit]:
+    """Return both with twice as many substeps."""
+    finer = replace(task, substeps=2 * task.substeps)
+    return finer, least_squares.begun(finer, fit.batch, least_squares.NEAR, (fit.start, fit.flow))
 
 
 def _delivered(
@@ -370,7 +386,7 @@ def _delivered(
     pieces = Pieces.of(standard, question.hold)
     task = Task(pieces, winner.parameters, np.zeros((1, 1)), winner.substeps)
     task = replace(task, ridge=np.zeros_like(least_squares.theta_of(winner.latent)))
-    fit: Fit = least_squares.begun(task, winner.batch)
+    task, fit = _exact(task, least_squares.begun(task, winner.batch))
     own = winner.latent
     seen = moments(own, pieces, fit.start, task.substeps)
     latent, n, m, hard = own.in_activations(), own.n, own.m, slice(0, own.hardening)

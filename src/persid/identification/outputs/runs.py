@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.records import Pieces
-from persid.models.steps import runge_kutta
+from persid.models.steps import corrections, runge_kutta
 
 HUGE = 1e6  # standard units beyond which a run has diverged
 JOINED = 1e-7  # standard units to which the end of a piece meets the start of the next
@@ -102,7 +102,7 @@ def simulated(
             open_, gap = open_[left], gap[left]
             if not len(open_):
                 break
-            change = _corrections(gap, flow[open_], follows)
+            change = np.swapaxes(corrections(np.swapaxes(gap, 1, 2), flow[open_], follows), 1, 2)
             start[open_] = np.clip(np.nan_to_num(start[open_] + change), -HUGE, HUGE)
     return Run(start, square, held, (size <= 100 * JOINED) & np.isfinite(square))
 
@@ -152,12 +152,3 @@ def moments(latent: Latent, pieces: Pieces, start: Float[ndarray, "1 n S"], subs
         count += float(seen.sum())
     mean = first / count
     return Moments(mean + start[0, :, 0], second / count - np.outer(mean, mean), square / count)
-
-
-def _corrections(gap: ndarray, flow: ndarray, follows: ndarray) -> ndarray:
-    """Return Newton's changes of the starts: each is its gap and what the change before it flows into."""
-    change = gap.copy()
-    for s in range(1, gap.shape[2]):
-        if follows[s]:
-            change[:, :, s] += (flow[:, s - 1] @ change[:, :, s - 1, None])[:, :, 0]
-    return change
