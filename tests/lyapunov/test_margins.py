@@ -16,7 +16,7 @@ def _largest(model: ps.PersidskiiModel) -> tuple[float, float]:
     question = Question(setting.system, setting.pools, setting.upper, setting.below, model.n > 1)
     residuals = Residuals.of(model, model.m)
     radius = complex_radius(setting.jacobian, residuals)
-    return largest_margin(question, residuals, radius, 0.0, lambda: np.inf)[0], radius
+    return largest_margin(question, residuals, 0.0, lambda: np.inf), radius
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -126,6 +126,10 @@ class Catalogue:
         if self.target.ratio is not None:
             (self._smallest_eigenvalue_of_steps if system.discrete else self._smallest_eigenvalue)()
 
+    def size(self, *label: object) -> float:
+        """Return what an unknown is times its multiplier."""
+        return self._unknowns[label].size
+
     def assembly(self, families: Sequence[Family]) -> Assembly:
         """Return the problem of some of the densities and of products, in families of the same forms."""
         terms = self.terms(families)

@@ -3,8 +3,8 @@ r"""A structured primal-dual interior-point method for sector-form matrix inequa
     maximise t   subject to   Z = -sum_k y_k F_k - t N >= 0,   P(y) >= 0,   y_k >= 0 (multipliers),   c'y = 1      (D)
     minimise m   subject to   x_k = <F_k, X> - <E_k, U> + m c_k >= 0 (= 0 for entries of P),  X, U >= 0,  <N, X> = 1 (P)
 
-N is the inverse of a matrix X0 > 0 with <F_k, X0> > 0 wherever c_k = 0, such as the mean of z z' over points of the
-sector cone. Where X0 is the identity the cone is round, and the start X = I / order is nearly central.
+Where the sign of t is asked, N is the inverse of a matrix X0 > 0 with <F_k, X0> > 0 wherever c_k = 0, such as the mean
+of z z' over points of the sector cone. Where X0 is the identity the cone is round, and the start X = I / order is nearly central.
 
 Every unknown enters through *pairs* of rows of one matrix D:  F_k = sum over its pairs of  d_p d_q' + d_q d_p'.  So
 with Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is made of elementwise products of blocks,
@@ -101,13 +101,13 @@ class Solution:
     @cached_property
     def X(self) -> Float[ndarray, "N N"]:
         """The dual matrix, in the coordinates of the problem given."""
-        return _congruent(self.C, self.last.problem.arrays.get(self.last.X))
+        return congruent(self.C, self.last.problem.arrays.get(self.last.X))
 
     @property
     def aim(self) -> tuple[Float[ndarray, "N N"], float]:
         """The dual matrix, in these coordinates, and m where the last step would have gone without a fence."""
         X, m = (self.last.X, self.last.m) if self.step is None else self.step.end
-        return _congruent(self.C, self.last.problem.arrays.get(X)), m
+        return congruent(self.C, self.last.problem.arrays.get(X)), m
 
 
 def solve(
@@ -165,13 +165,30 @@ def solve(
     return Solution(status, state, taken, problem.C, first, tuple(log))
 
 
+def maximise(
+    state: Iterate, *, close: float, fall: float, left: Callable[[], float], iterations: int = ITERATIONS
+) -> tuple[Iterate, int]:
+    """Raise t from a feasible iterate; return where that ends, and after how many steps.
+
+    It ends where t is within the share `close` of its bound, mu has fallen to the share `fall` of its start, the steps
+    become too short, or without time.
+    """
+    goal, steps = fall * state.mu, 0
+    while steps < iterations and state.gap >= close * abs(state.t) and state.mu >= goal and left() > 0:
+        following = step(state)
+        if following is None:
+            break
+        state, steps = following.state, steps + 1
+    return state, steps
+
+
 def _limit(fence: Fence, state: Iterate, C: sparse.csr_array) -> Callable[[ndarray, float], float]:
     """Return the fence as a step sees it, in the coordinates of the iterates."""
     get = state.problem.arrays.get
-    here = _congruent(C, get(state.X)), state.m
-    return lambda X, m: fence.share(here, (_congruent(C, get(X)), m))
+    here = congruent(C, get(state.X)), state.m
+    return lambda X, m: fence.share(here, (congruent(C, get(X)), m))
 
 
-def _congruent(C: sparse.csr_array, X: Float[ndarray, "N N"]) -> Float[ndarray, "N N"]:
+def congruent(C: sparse.csr_array, X: Float[ndarray, "N N"]) -> Float[ndarray, "N N"]:
     """Return C X C' for a symmetric X."""
     return np.asarray(C @ np.ascontiguousarray((C @ X).T))

@@ -39,8 +39,8 @@ class Iterate:
     P: Float[Array, "k k"] = field(init=False)
 
     def __post_init__(self) -> None:
-        problem, of = self.problem, self.problem.arrays
-        object.__setattr__(self, "Z", of.add_to_diagonal(-combine(problem, self.y), -self.t))
+        problem = self.problem
+        object.__setattr__(self, "Z", _less(problem, -combine(problem, self.y), self.t))
         object.__setattr__(self, "P", problem.triangle.matrix(self.y[: problem.free]))
 
     @property
@@ -117,6 +117,19 @@ def first_iterate(problem: Problem, least: float = 0.0) -> Iterate:
     return Iterate(problem=problem, y=y, t=smallest - mu * problem.order, m=m, X=X, U=U, x=x)
 
 
+def central_iterate(problem: Problem, y: Float[Array, " J"], t: float) -> Iterate:
+    """Central at a strictly feasible y, c'y = 1, and t: X = mu Z^-1 with <N, X> = 1; its equalities come in the steps.
+
+    LinAlgError where y and t are not strictly feasible.
+    """
+    free, c = problem.free, problem.costs
+    V, P = _inverse(_half(problem.arrays, _less(problem, -combine(problem, y), t))), problem.triangle.matrix(y[:free])
+    mu = 1 / _measure(problem, V)
+    X, x = mu * V, mu / y[free:]
+    m = _inner(problem.arrays.xp, c[free:], x - pairings(problem, X)[free:]) / _inner(problem.arrays.xp, c, c)
+    return Iterate(problem=problem, y=y, t=t, m=m, X=X, U=mu * _inverse(_half(problem.arrays, P)), x=x)
+
+
 def resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Iterate:
     """Return the iterate with new unknowns: x_k is their price, or of the size of F_k where that is negative.
 
@@ -145,6 +158,17 @@ class _Direction:
     x: Array
     Z: Array
     P: Array
+
+
+def _less(problem: Problem, M: Array, t: float) -> Array:
+    """Return M - t N; M may be overwritten."""
+    return problem.arrays.add_to_diagonal(M, -t) if problem.along is None else M - t * problem.along
+
+
+def _measure(problem: Problem, M: Array) -> float:
+    """Return <N, M>."""
+    xp = problem.arrays.xp
+    return float(xp.linalg.trace(M)) if problem.along is None else _inner(xp, problem.along, M)
 
 
 def _inner(xp: ModuleType, a: Array, b: Array) -> float:
@@ -241,13 +265,13 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     M[:free, :free] += problem.triangle.schur(state.U, P_inverse)
     M = of.add_to_diagonal(M, xp.concat([xp.zeros_like(c[:free]), ratio]))
     back = _factored(of, M)
-    XZ = _symmetric(state.X @ Z_inverse)
+    XZ = _symmetric((state.X if problem.along is None else state.X @ problem.along) @ Z_inverse)
     g = pairings(problem, XZ)
     solved = back(xp.stack([g, c], axis=1))
     Mg, Mc = solved[:, 0], solved[:, 1]
-    trace = float(xp.linalg.trace(XZ))
+    trace = _measure(problem, XZ)
     border = np.array([[_inner(xp, c, Mg), _inner(xp, c, Mc)], [trace - _inner(xp, g, Mg), -_inner(xp, g, Mc)]])
-    trace_defect = float(xp.linalg.trace(state.X)) - 1
+    trace_defect = _measure(problem, state.X) - 1
 
     def direction(target: float, second: _Direction | None) -> _Direction:
         C, CU, cx = target * Z_inverse - state.X, target * P_inverse - state.U, target / state.s - state.x
@@ -259,16 +283,14 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
         r[:free] += problem.triangle.pairings(CU)
         r[free:] += cx
         Mr = back(r[:, None])[:, 0]
-        dt, dm = np.linalg.solve(
-            border, [_inner(xp, c, Mr), -float(xp.linalg.trace(C)) - trace_defect - _inner(xp, g, Mr)]
-        )
+        dt, dm = np.linalg.solve(border, [_inner(xp, c, Mr), -_measure(problem, C) - trace_defect - _inner(xp, g, Mr)])
         dt, dm = float(dt), float(dm)
         dy = Mr - Mg * dt - Mc * dm
         F, dP = combine(problem, dy), problem.triangle.matrix(dy[:free])
         dX = C + _symmetric(state.X @ F @ Z_inverse) + dt * XZ
         dU = CU - _symmetric(state.U @ dP @ P_inverse)
         dx = cx - ratio * dy[free:]
-        return _Direction(y=dy, t=dt, m=dm, X=dX, U=dU, x=dx, Z=of.add_to_diagonal(-F, -dt), P=dP)
+        return _Direction(y=dy, t=dt, m=dm, X=dX, U=dU, x=dx, Z=_less(problem, -F, dt), P=dP)
 
     return direction
 

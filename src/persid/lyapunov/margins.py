@@ -1,7 +1,7 @@
 """The residual margin: how far a plant may be from its model, relative to the distance from the operating point.
 
 Meant is every plant x' = F(x, u) + g with |g / width| <= delta |(x - x*) / width|, g = 0 in equations that are known
-exactly, such as x1' = x2. The largest delta is found by bisection, one inequality with a deviation a step. Two numbers
+exactly, such as x1' = x2. The largest delta is that of one inequality, in which its square is linear. Two numbers
 bound it from above: with J the Jacobian at x*, in units of width and L the columns of the equations that are not known,
 
 * the complex stability radius 1 / max_w |(jw - J)^-1 L|: for a larger delta the linear plants are not all stable,
@@ -14,15 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from scipy.linalg import null_space
+from scipy.linalg import eigvalsh, null_space
 
 from persid.lyapunov.deviations import Deviation
+from persid.lyapunov.extremes import largest
+from persid.lyapunov.multipliers import lyapunov_function
 from persid.lyapunov.rates import Question
-from persid.lyapunov.search import Outcome
+from persid.lyapunov.search import catalogue
+from persid.lyapunov.system import Target
 from persid.models.model import PersidskiiModel
 
-STEPS = 12  # bisections of delta
-CLOSE = 1.04  # ratio of the bounds of delta at which they end
 TOLERANCE = 1e-6  # relative, of the complex stability radius
 NEAREST = 1e-3  # widths from x*: nearer by, the ratio is that of the Jacobian, which the radius bounds
 RADII = 24  # distances from x* at which a search for another place of rest begins
@@ -144,24 +145,31 @@ def resting_bound(
     return float(values.min())
 
 
-def largest_margin(
-    question: Question, residuals: Residuals, most: float, kappa: float, left: Callable[[], float]
-) -> tuple[float, Outcome | None]:
-    """Return the largest delta, to 4 %, for which an inequality of this rate is met, and the outcome there.
+def largest_margin(question: Question, residuals: Residuals, kappa: float, left: Callable[[], float]) -> float:
+    """Return the largest delta, to 1 %, for which an inequality of this rate is met; 0 where none is found.
 
-    `most` bounds it from above. 0 and None where none is found.
+    With half the gradient E'z, V' <= -kappa V without deviations leaves room R = -Q - kappa W > 0. A large s turns it
+    into R - E L L'E'/s > 0, and the rest bounds a small delta: there the way to the largest one begins.
     """
-    best: Outcome | None = None
-    low, high, trial = 0.0, most, 0.9 * most
-    for _ in range(STEPS):
-        if left() <= 0 or not np.isfinite(most) or most <= 0:
-            break
-        found = replace(question, deviations=(residuals.within(trial),)).ask(kappa, None, best, left)
-        if found is None:
-            high = trial
-        else:
-            best, low = found, trial
-        if low and high < CLOSE * low:
-            break
-        trial = 0.5 * (low + high) if low else 0.3 * high
-    return low, best
+    start = question.ask(kappa, None, None, left)
+    if start is None:
+        return 0.0
+    unknowns, none, unit = start.assembly.unknowns, residuals.within(0.0), residuals.within(1.0)
+    target = Target(kappa, None, question.shape, question.upper if kappa else {}, question.lower, (none,))
+    whole = catalogue(question.system, unknowns.families, question.full, target)
+    lower = [question.lower[group.curve] for group in question.system.groups]
+    lyapunov = lyapunov_function(unknowns, start.solution.y, unknowns.system, lower)
+    if not lyapunov.is_sound:
+        return 0.0
+    EL = lyapunov.E @ unit.L
+    s = 2 * float(np.linalg.eigvalsh(EL.T @ np.linalg.solve(lyapunov.decrease, EL))[-1])
+    system = question.system
+    C = unit.columns(system.states, system.channels, system.B.shape[1])[:, : system.entries]
+    room = replace(lyapunov, deviations=(none,), s=np.array([s])).robust
+    delta2 = 0.5 / float(eigvalsh(s * C.T @ C, room)[-1])
+    N = np.zeros((whole.width, whole.width))
+    scaled = C * whole.weights[: system.entries]
+    N[: system.entries, : system.entries] = scaled.T @ scaled / whole.size("s", 0)
+    numbers = replace(unknowns.multipliers(start.solution.y), s=np.array([s]))
+    found = largest(whole, unknowns.families, ("s", 0), N, numbers, delta2, left)
+    return 0.0 if found is None else float(np.sqrt(found.t))

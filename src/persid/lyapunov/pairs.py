@@ -29,7 +29,7 @@ class Problem:
     `tie` (None: one pair each). The first `symmetric`(`symmetric` + 1)/2 unknowns are the upper triangle of a
     symmetric matrix P, entry (i, j) standing for e_i e_j' + e_j e_i'; 0 without P. `cost` is c; X0 = C C' is positive
     definite with <F_k, X0> > 0 for every multiplier of zero cost, and C has no entries but between those that rows of
-    S, and products of two rows of S, hold together: it leaves S sparse.
+    S, and products of two rows of S, hold together: it leaves S sparse. N is that of (D), None for the inverse of X0.
     """
 
     S: sparse.csr_array
@@ -40,6 +40,7 @@ class Problem:
     C: sparse.csr_array
     symmetric: int = 0
     tie: sparse.csr_array | None = None
+    N: Float[ndarray, "N N"] | None = None
     arrays: Arrays = field(default=HOST, repr=False)
 
     @property
@@ -60,7 +61,8 @@ class Problem:
     def whitened(self) -> "Problem":
         """Return the problem for z = C w: there the dual matrix X0 is I."""
         H = np.ascontiguousarray((self.C.T @ self.H.T).T)
-        return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=_identity(self.order))
+        N = None if self.N is None else np.asarray(self.C.T @ (self.C.T @ self.N.T).T)
+        return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=_identity(self.order), N=N)
 
     @cached_property
     def _rows(self) -> tuple[Array, Array, Array, Array]:
@@ -79,6 +81,11 @@ class Problem:
     def costs(self) -> Array:
         """The cost c where the arrays live."""
         return self.arrays.put(self.cost)
+
+    @cached_property
+    def along(self) -> Array | None:
+        """N where the arrays live; None for the identity."""
+        return None if self.N is None else self.arrays.put(self.N)
 
     @cached_property
     def triangle(self) -> Triangle:

@@ -1,7 +1,7 @@
 """Rates and gains: the best kappa by bisection, then the smallest gain at a chosen share of it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -9,9 +9,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.lyapunov.deviations import Deviation
+from persid.lyapunov.extremes import largest
 from persid.lyapunov.interior_point import Status
-from persid.lyapunov.multipliers import choose
-from persid.lyapunov.search import Outcome, search
+from persid.lyapunov.multipliers import lyapunov_function
+from persid.lyapunov.search import Outcome, catalogue, search
 from persid.lyapunov.sectors import Curve
 from persid.lyapunov.system import System, Target
 
@@ -88,34 +89,38 @@ def largest_rate(
     return best
 
 
-def smallest_gain(
-    question: Question, kappa: float, start: Outcome, left: Callable[[], float], steps: int = STEPS + 4
-) -> Outcome | None:
-    """Return an outcome of rate kappa whose ratio gamma / p is within 2 % of the smallest, so its gain within 1 %.
+def smallest_gain(question: Question, rate: float, start: Outcome, left: Callable[[], float]) -> Outcome | None:
+    """Return an outcome of a rate (kappa, 1/s) whose ratio gamma / p is within 2 % of the smallest, its gain in 1 %.
 
-    With fewer `steps` it is as near to it as these lead.
+    The search for any gain at this rate begins with the forms of `start`; without time that is what is returned.
     """
-    best, low, high = None, 0.0, _ratio(question, kappa, start, left)
-    for step in range(steps):
-        if left() <= 0 or not np.isfinite(high) or high < 1.02 * low:
-            break
-        trial = high if step == 0 else float(np.sqrt(low * high)) if low else 0.1 * high
-        found = question.ask(kappa, trial, best or start, left)
-        if found is None:
-            low = trial
-            if step == 0:
-                high *= 16
-        else:
-            best, high = found, trial
-    return best
-
-
-def _ratio(question: Question, kappa: float, start: Outcome, left: Callable[[], float]) -> float:
-    """Return a ratio gamma / p that some Lyapunov function of this rate attains."""
-    found = question.ask(kappa, None, start, left)
+    any_gain = start if kappa(start) == rate else question.ask(rate, None, start, left)
+    if any_gain is None:
+        return None
+    ratio, p = attained(question, any_gain)
+    families = any_gain.assembly.unknowns.families
+    target = Target(rate, 0.0, question.shape, question.upper, question.lower, question.deviations)
+    whole = catalogue(question.system, families, question.full, target)
+    inputs = slice(question.system.entries, whole.inside)
+    N = np.zeros((whole.width, whole.width))
+    N[inputs, inputs] = np.diag(whole.weights[inputs] ** 2 / whole.size("p"))
+    numbers = replace(any_gain.assembly.unknowns.multipliers(any_gain.solution.y), p=0.5 * p)
+    found = largest(whole, families, ("p",), N, numbers, -4 * ratio, left) if np.isfinite(ratio) else None
     if found is None:
-        return np.inf
-    lyapunov = choose(found.assembly, found.solution.y, [question.lower[g.curve] for g in question.system.groups])
+        return any_gain
+    unknowns = found.outcome.assembly.unknowns
+    rated = replace(unknowns, target=replace(unknowns.target, ratio=-found.t))
+    return replace(found.outcome, assembly=replace(found.outcome.assembly, unknowns=rated))
+
+
+def attained(question: Question, found: Outcome) -> tuple[float, float]:
+    """Return the ratio gamma / p that the Lyapunov function of an outcome attains, and its p."""
+    unknowns = found.assembly.unknowns
+    lower = [question.lower[g.curve] for g in question.system.groups]
+    lyapunov = lyapunov_function(unknowns, found.solution.y, unknowns.system, lower)
+    if not lyapunov.is_sound:
+        return np.inf, 0.0
     weight = np.ones(question.system.n) if question.shape is None else question.shape
     scaled = lyapunov.below / np.sqrt(weight) / np.sqrt(weight)[:, None]
-    return 1.1 * lyapunov.gamma / float(np.linalg.eigvalsh(scaled)[0])
+    p = float(np.linalg.eigvalsh(scaled)[0])
+    return lyapunov.gamma / p, p

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from persid._threads import few_threads
+from persid.certificates.certificate import Certificate
 from persid.certificates.outputs import refuse_steep_maps
 from persid.errors import ModelError
 from persid.lyapunov.arrays import arrays_on
@@ -116,8 +117,9 @@ def _answered(answer: Callable[[], Verdict], n: int, log: Log) -> Verdict:
         with few_threads(n), np.errstate(all="ignore"):
             return answer()
     except KeyboardInterrupt:
-        if log.best is not None:
-            return Certified(log.best, tuple(log.attempts))
+        best = None if log.best is None else log.best()
+        if isinstance(best, Certificate):
+            return Certified(best, tuple(log.attempts))
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
 
 

@@ -8,6 +8,7 @@ from math import isfinite
 
 from persid.certificates.certificate import Certificate
 from persid.lyapunov.multipliers import Lyapunov
+from persid.verdicts.failures import Failure
 from persid.verdicts.verdict import Attempt
 
 Progress = Callable[[str], None]
@@ -21,7 +22,7 @@ class Log:
     limit: float  # in s
     progress: Progress
     attempts: list[Attempt] = field(default_factory=list)
-    best: Certificate | None = None  # what an interruption leaves
+    best: Callable[[], Certificate | Failure] | None = None  # proves what an interruption leaves
     fastest: Callable[[], Lyapunov] | None = None  # returns that of the best rate that was found
     began: float = field(default_factory=lambda: time.perf_counter())
 

@@ -23,7 +23,6 @@ from persid.verdicts.verdict import Reason
 
 SHARES = (0.9, 0.6)  # of the largest delta at which a certificate is made: with room for rounding
 SLOW = (0.1, 0.03, 0.01)  # of the decay rate of the linearisation: what is asked for; a region needs one of them
-GAINS = 3  # steps towards the smallest gain
 MARGIN_STATES = 20  # up to so many states it is sought
 
 
@@ -40,8 +39,8 @@ def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Marg
     resting = resting_bound(model, x_star, u, residuals, setting.box)
     fastest = setting.fastest
     slowest = 0.0 if setting.box is None else SLOW[-1] * fastest
-    largest, found = largest_margin(question_of(setting), residuals, min(radius, resting), slowest, log.left)
-    if found is None:
+    largest = min(largest_margin(question_of(setting), residuals, slowest, log.left), radius, resting)
+    if largest <= 0:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     failure = stopped(Status.TIME)
     for share in SHARES:
@@ -88,7 +87,7 @@ def slowly(setting: Setting, fastest: float, deviations: tuple[Deviation, ...], 
     for share in (*SLOW, *((0.0,) if setting.box is None else ())):
         found = question.ask(share * fastest, None, None, log.left)
         if found is not None:
-            gentle = smallest_gain(question, share * fastest, found, log.left, GAINS) if share else None
+            gentle = smallest_gain(question, share * fastest, found, log.left) if share else None
             best = shortened(gentle or found, log)
             return choose(best.assembly, best.solution.y, setting.lower)
     return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
 from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
@@ -24,7 +25,7 @@ from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import ALL_STATES, Log
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
 from persid.verdicts.practical import practically
-from persid.verdicts.searches import fastest, margin, rate_and_gain, settled
+from persid.verdicts.searches import SHORTENED_STATES, fastest, margin, rate_and_gain, settled, sketched
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
 ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
@@ -33,6 +34,7 @@ Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
 PRACTICAL_STATES = 20  # a ball is sought up to this many states
 SLOPED = 20  # and slopes along solutions, the dearest, up to so many states and functions together
+RATING = 0.8  # of the time goes to rate and gain, before a V without a rate is proved
 FULL_RATED_STATES = 20  # and stands in every rate and gain up to this many; at 50 it takes five times as long
 
 
@@ -178,17 +180,43 @@ def _between_solutions(asked: Question, setting: Setting, log: Log) -> Certified
 
 
 def _by_forms(asked: Question, setting: Setting, log: Log) -> Certified | Failure:
-    """Certify with products of forms inside each group: a diagonal P, then a full one."""
-    failure = stopped(Status.TIME)
+    """Certify with products of forms inside each group: a diagonal P, then a full one.
+
+    Of small models a V without a rate is proved only where no rate is: it need only be known that there is one.
+    """
+    failure, sketches = stopped(Status.TIME), _may_have_rate(setting)
     for kind in _kinds(asked.model):
-        with log.attempt(f"global Lyapunov function, {kind} P") as outcome:
-            answer, setting = settled(setting, partial(margin, full_P=kind == "full", log=log), log, asked.outputs)
-            outcome.append(_word(answer))
-        if isinstance(answer, Certificate):
-            log.best = answer
-            return _with_margin(asked, setting, _rated(asked, setting, kind == "full", answer, log), log)
-        failure = answer
+        full_P, what = kind == "full", f"global Lyapunov function, {kind} P"
+        prove = partial(settled, setting, partial(margin, full_P=full_P, log=log), log, asked.outputs)
+        rated = None
+        if sketches:
+            with log.attempt(what) as outcome:
+                lacking = sketched(setting, full_P, log)
+                outcome.append("found" if lacking is None else _word(lacking))
+            if lacking is not None:
+                failure = lacking
+                continue
+            log.best = lambda prove=prove: prove()[0]
+            with log.share(RATING):
+                rated = _rated(asked, setting, full_P, log)
+        if rated is None:
+            with log.attempt(what) as outcome:
+                answer, setting = prove()
+                outcome.append(_word(answer))
+            if isinstance(answer, Failure):
+                failure = answer
+                continue
+            log.best = lambda answer=answer: answer
+            rated = None if sketches else _rated(asked, setting, full_P, log)
+            rated = rated or Certified(answer, tuple(log.attempts))
+        return _with_margin(asked, setting, rated, log)
     return failure
+
+
+def _may_have_rate(setting: Setting) -> bool:
+    """Whether a small model may have a rate, which keeps every state."""
+    small = setting.model.n <= SHORTENED_STATES and len(setting.system.states) == setting.model.n
+    return small and bool(np.isfinite(setting.jacobian).all()) and setting.fastest > 0
 
 
 def _by_facts(asked: Question, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
@@ -233,27 +261,27 @@ def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
     return ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
 
 
-def _rated(asked: Question, setting: Setting, full_P: bool, certificate: Certificate, log: Log) -> Certified:
-    """Return the verdict by a certificate with rate and gain where there is one and time for it, else by the one given.
+def _rated(asked: Question, setting: Setting, full_P: bool, log: Log) -> Certified | None:
+    """Return the verdict by a certificate with rate and gain where there is one and time for it.
 
     Up to a size P is full there even if a diagonal one shows stability: rate and gain then are the same in all
     orthogonal coordinates.
     """
-    if certificate.stated.drops_states or setting.model.n > RATED_STATES or log.left() <= 0:
-        return Certified(certificate, tuple(log.attempts))
+    n = setting.model.n
+    if len(setting.system.states) < n or n > RATED_STATES or log.left() <= 0:
+        return None
     with log.attempt(RATED) as outcome:
-        full_P = full_P or 1 < setting.model.n <= FULL_RATED_STATES
+        full_P = full_P or 1 < n <= FULL_RATED_STATES
         find = partial(rate_and_gain, full_P=full_P, rate=asked.rate, each=asked.each, log=log)
         answer, setting = settled(setting, find, log, asked.outputs)
         outcome.append(_word(answer))
-    if isinstance(answer, Certificate):
-        return _beside_the_best(asked, setting, answer, log)
-    return Certified(certificate, tuple(log.attempts))
+    return _beside_the_best(asked, setting, answer, log) if isinstance(answer, Certificate) else None
 
 
 def _beside_the_best(asked: Question, setting: Setting, certificate: Certificate, log: Log) -> Certified:
     """Return the verdict by a certificate with a rate, and beside it the proof of the best rate that was found."""
-    log.best, found = certificate, None
+    found = None
+    log.best = lambda: certificate
     with log.attempt("the best rate") as outcome:
         answer, _ = settled(setting, partial(fastest, log=log), log, asked.outputs)
         outcome.append(_word(answer))

@@ -79,21 +79,35 @@ def grows(setting: Setting, lyapunov: Lyapunov) -> bool:
 
 def margin(setting: Setting, full_P: bool, log: Log) -> Lyapunov | Failure:
     """Return a Lyapunov function with V' < 0 and no rate asked for, a full P that stalls in better coordinates."""
-    found = _with_margin(setting, setting.system, full_P, log)
+    found, better = _with_margin(setting, full_P, log)
+    if isinstance(found, Failure):
+        return found
+    found = shortened(found, log)
+    lyapunov = choose(found.assembly, found.solution.y)
+    return lyapunov if better is None else better.back(lyapunov)
+
+
+def sketched(setting: Setting, full_P: bool, log: Log) -> Failure | None:
+    """Return why there is no Lyapunov function with V' < 0; None where floating point finds one."""
+    found, _ = _with_margin(setting, full_P, log)
+    return found if isinstance(found, Failure) else None
+
+
+def _with_margin(setting: Setting, full_P: bool, log: Log) -> tuple[Outcome | Failure, Coordinates | None]:
+    """Return an outcome with V' < 0 or why there is none, and the coordinates in which it is, if not the usual ones."""
+    found, better = _searched(setting, setting.system, full_P, log), None
     if found.status is Status.STALLED and full_P and (better := _coordinates(setting)) is not None:
-        again = _with_margin(setting, better.turned, full_P, log)
-        if again.status is Status.FEASIBLE:
-            return better.back(choose(again.assembly, again.solution.y))
-        return stopped(again.status)
+        found = _searched(setting, better.turned, full_P, log)
     if found.status is Status.FEASIBLE:
-        return choose(found.assembly, found.solution.y)
-    obstruction = find_obstruction(setting.model, found) if found.status is Status.INFEASIBLE else None
-    if obstruction is not None:
-        return Failure(Reason.INFEASIBLE, words.TRY, obstruction)
-    return stopped(found.status)
+        return found, better
+    obstruction = None
+    if found.status is Status.INFEASIBLE and better is None:
+        obstruction = find_obstruction(setting.model, found)
+    failure = Failure(Reason.INFEASIBLE, words.TRY, obstruction) if obstruction is not None else stopped(found.status)
+    return failure, better
 
 
-def _with_margin(setting: Setting, system: System, full_P: bool, log: Log) -> Outcome:
+def _searched(setting: Setting, system: System, full_P: bool, log: Log) -> Outcome:
     """Search for a margin; where the path from the usual start stalls, once more from another."""
     for first in (None, MORE_FORMS):
         found = search(system, setting.pools, full_P=full_P, first=first, time_limit=log.left(), progress=log.progress)
@@ -101,7 +115,7 @@ def _with_margin(setting: Setting, system: System, full_P: bool, log: Log) -> Ou
             break
     if found.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return shortened(found, log) if found.status is Status.FEASIBLE else found
+    return found
 
 
 def shortened(found: Outcome, log: Log, slowest: float = 0.0) -> Outcome:

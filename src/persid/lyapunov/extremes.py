@@ -1,0 +1,87 @@
+"""The best number that an inequality allows, the least gamma / p or the largest deviation, on one way through the cone.
+
+Both numbers stand beside one unknown alone. With that unknown fixed, p = 1 or s = 1, they enter linearly,
+
+    maximise t   subject to   Z = -sum_k y_k F_k - t N >= 0,   y = 1 for that unknown,
+
+t = -gamma / p with N = I at the inputs, or t = delta^2 with N = C'C. A Lyapunov function that is at hand is a strictly
+feasible start. Unknowns join as in `search`, where the dual matrix prices them below zero.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import repeat
+
+import numpy as np
+import scipy.linalg as sla
+from jaxtyping import Float
+from numpy import ndarray
+
+from persid.lyapunov.inequality import Assembly, Catalogue
+from persid.lyapunov.interior_point import Solution, Status, congruent, maximise
+from persid.lyapunov.iterate import central_iterate, resumed
+from persid.lyapunov.pairs import Problem
+from persid.lyapunov.search import JOINING, Outcome, join
+from persid.lyapunov.system import Family, Multipliers
+from persid.lyapunov.unknowns import Label
+
+CLOSE = 0.005  # distance of t from its bound, relative, at which the unknowns that take part have done what they can
+SMALL = 0.003  # relative rise of t between two such places, below which no more unknowns join
+FALL = 0.1  # share to which mu falls before unknowns join
+ROUNDS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Extreme:
+    """The largest t that was found, and the outcome that attains it."""
+
+    t: float
+    outcome: Outcome
+
+
+def largest(
+    whole: Catalogue,
+    families: Sequence[Family],
+    fixed: Label,
+    N: Float[ndarray, "N N"],
+    numbers: Multipliers,
+    t: float,
+    left: Callable[[], float],
+) -> Extreme | None:
+    """Return the largest t, from multipliers at which the inequality holds strictly with t; None where it does not.
+
+    `fixed` is the unknown that is fixed, `families` are those of the multipliers.
+    """
+    assembly = whole.assembly(families)
+    place = assembly.unknowns.labels.index(fixed)
+    y = assembly.unknowns.values(numbers)
+    try:
+        state = central_iterate(_towards(assembly, fixed, N), y / y[place], t)
+    except sla.LinAlgError:
+        return None
+    steps, rounds, reached = 0, 0, -np.inf
+    while rounds < ROUNDS:
+        state, taken = maximise(state, close=CLOSE if reached == -np.inf else 0.0, fall=FALL, left=left)
+        steps, rounds = steps + taken, rounds + 1
+        settled = state.gap < CLOSE * abs(state.t)
+        if not taken or (settled and state.t - reached <= SMALL * abs(state.t)):
+            break
+        reached = state.t if settled else reached
+        X = congruent(assembly.problem.C, assembly.problem.arrays.get(state.X))
+        grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING)))
+        larger = whole.assembly(grown)
+        places = larger.unknowns.places_in(assembly.unknowns)
+        if settled and (places >= 0).all():
+            break
+        try:
+            state, assembly = resumed(_towards(larger, fixed, N), state, places), larger
+        except sla.LinAlgError:
+            break
+    solution = Solution(Status.FEASIBLE, state, None, assembly.problem.C, 0.0, ("",) * (steps + 1))
+    return Extreme(state.t, Outcome(assembly, solution, rounds, steps))
+
+
+def _towards(assembly: Assembly, fixed: Label, N: ndarray) -> Problem:
+    """Return the problem with one unknown fixed, whose t goes with N."""
+    cost = np.array([float(label == fixed) for label in assembly.unknowns.labels])
+    return replace(assembly.problem, cost=cost, N=N).whitened()
