@@ -56,7 +56,7 @@ def largest(
     place = assembly.unknowns.labels.index(fixed)
     y = assembly.unknowns.values(numbers)
     try:
-        state = central_iterate(_towards(assembly, fixed, N), y / y[place], t)
+        state = central_iterate(_towards(assembly, fixed, N), assembly.problem.arrays.put(y / y[place]), t)
     except sla.LinAlgError:
         return None
     steps, rounds, reached = 0, 0, -np.inf

@@ -4,7 +4,8 @@ r"""A structured primal-dual interior-point method for sector-form matrix inequa
     minimise m   subject to   x_k = <F_k, X> - <E_k, U> + m c_k >= 0 (= 0 for entries of P),  X, U >= 0,  <N, X> = 1 (P)
 
 Where the sign of t is asked, N is the inverse of a matrix X0 > 0 with <F_k, X0> > 0 wherever c_k = 0, such as the mean
-of z z' over points of the sector cone. Where X0 is the identity the cone is round, and the start X = I / order is nearly central.
+of z z' over points of the sector cone. Where X0 is the identity the cone is round, and the start X = I / order is
+nearly central.
 
 Every unknown enters through *pairs* of rows of one matrix D:  F_k = sum over its pairs of  d_p d_q' + d_q d_p'.  So
 with Y = D X D' and V = D Z^-1 D' the Schur complement of the HKM direction is made of elementwise products of blocks,

@@ -12,6 +12,7 @@ from persid._dyadics import SLACK, _floor, rounded
 from persid.errors import RoundingError
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.inequality import Assembly
+from persid.lyapunov.sectors import Curve
 from persid.lyapunov.system import Family, System
 from persid.lyapunov.unknowns import Unknowns
 
@@ -53,6 +54,12 @@ class Lyapunov:
     units: Float[ndarray, " m"] | None = None  # of the inputs of `system`, where each has its own gain: u = units v
     deviations: tuple[Deviation, ...] = ()
     s: Float[ndarray, " d"] = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def forms(self) -> set[tuple[Curve, tuple[float, ...]]]:
+        """The forms in use, each with its curve."""
+        parts = zip(self.system.groups, self.chosen, strict=True)
+        return {(group.curve, tuple(form)) for group, part in parts for form in part.forms.tolist()}
 
     @cached_property
     def E(self) -> Float[ndarray, "N n"]:

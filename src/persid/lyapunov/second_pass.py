@@ -31,31 +31,39 @@ def loosened(target: Target, slowest: float = 0.0) -> Target:
     return replace(target, kappa=min(target.kappa, max(target.kappa * RATE, slowest)))
 
 
-def with_fewer_forms(outcome: Outcome, target: Target, left: Callable[[], float]) -> Outcome:
-    """Return a feasible outcome for a target with some of the forms of another; that one where none can go."""
+def with_fewer_forms(
+    outcome: Outcome, target: Target, left: Callable[[], float], known: Collection[Form] = ()
+) -> Outcome:
+    """Return a feasible outcome for a target with some of the forms of another; that one where none can go.
+
+    Forms that are `known`, those of another proof, leave last: they need no new one.
+    """
     unknowns = outcome.assembly.unknowns
     whole = catalogue(unknowns.system, unknowns.families, unknowns.symmetric > 0, target)
-    forms = _in_use(outcome)
+    forms = in_use(outcome, known)
     count = (len(forms) + 1) // 2
     while count and left() > 0:
         found = _solved(whole, outcome, forms[count:], left)
         if found is None:
             count //= 2
         else:
-            outcome, forms = found, _in_use(found)
+            outcome, forms = found, in_use(found, known)
             count = min(count, (len(forms) + 1) // 2)
     return outcome
 
 
-def _in_use(outcome: Outcome) -> list[Form]:
-    """Return the forms of an outcome, those of the smallest multipliers first: as unknowns these have no units."""
+def in_use(outcome: Outcome, known: Collection[Form] = ()) -> list[Form]:
+    """Return the forms of an outcome, `known` ones last, each time those of the smallest multipliers first.
+
+    As unknowns multipliers have no units.
+    """
     unknowns, weight = outcome.assembly.unknowns, dict[Form, float]()
     for label, y in zip(unknowns.labels, np.abs(outcome.solution.y), strict=True):
         if label[0] in ("mu", "tau"):
             curve = unknowns.system.groups[label[1]].curve
             for k in label[2:]:
                 weight[curve, k] = weight.get((curve, k), 0.0) + float(y)
-    return sorted(weight, key=lambda form: weight[form])
+    return sorted(weight, key=lambda form: (form in known, weight[form]))
 
 
 def _solved(whole: Catalogue, outcome: Outcome, forms: Collection[Form], left: Callable[[], float]) -> Outcome | None:

@@ -1,5 +1,6 @@
 """A model at its operating point: shifted groups and pools of forms with their constants."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
@@ -91,6 +92,15 @@ class Setting:
             for k in reversed([k for k, form in enumerate(forms.tolist()) if tuple(form) not in rising]):
                 setting = setting._without(curve, k)
         return setting
+
+    def places(self, forms: Collection[tuple[Curve, tuple[float, ...]]]) -> list[tuple[Curve, int]]:
+        """Return the places in the pools of those forms that stand there."""
+        return [
+            (curve, k)
+            for curve, listed in self.pools.items()
+            for k, form in enumerate(listed.tolist())
+            if (curve, tuple(form)) in forms
+        ]
 
     @property
     def units(self) -> Float[ndarray, " m"]:

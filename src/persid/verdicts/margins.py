@@ -1,5 +1,6 @@
 """Search for the residual margin of a certified model, and for the certificate of every plant within it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -37,21 +38,25 @@ def residual_margin(setting: Setting, u: Float[ndarray, " m"], log: Log) -> Marg
     residuals = Residuals.of(model, setting.system.B.shape[1])
     radius = complex_radius(J, residuals)
     resting = resting_bound(model, x_star, u, residuals, setting.box)
-    fastest = setting.fastest
-    slowest = 0.0 if setting.box is None else SLOW[-1] * fastest
-    largest = min(largest_margin(question_of(setting), residuals, slowest, log.left), radius, resting)
+    largest = largest_margin(question_of(setting), residuals, slow_rates(setting)[-1], log.left)
+    largest = min(largest, radius, resting)
     if largest <= 0:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     failure = stopped(Status.TIME)
     for share in SHARES:
         near = (residuals.within(share * largest),)
-        find = partial(slowly, fastest=fastest, deviations=near, log=log)
+        find = partial(slowly, rates=slow_rates(setting), deviations=near, log=log)
         answer, setting = settled(setting, find, log)
         if isinstance(answer, Certificate):
             known = tuple(name for name, free in zip(model.states, residuals.free, strict=True) if not free)
             return Margin(largest, radius, resting, residuals.width, known, answer)
         failure = answer
     return failure
+
+
+def slow_rates(setting: Setting) -> list[float]:
+    """Return the kappa that are asked for, in 1/s, the largest first; everywhere V' < 0 will do in the end."""
+    return [share * setting.fastest for share in SLOW] + ([0.0] if setting.box is None else [])
 
 
 def margin_by(certificate: Certificate) -> Margin:
@@ -81,13 +86,16 @@ def question_of(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Que
     )
 
 
-def slowly(setting: Setting, fastest: float, deviations: tuple[Deviation, ...], log: Log) -> Lyapunov | Failure:
-    """Return a Lyapunov function of all plants within deviations, with a rate and its gain where there is one."""
+def slowly(setting: Setting, rates: Sequence[float], deviations: tuple[Deviation, ...], log: Log) -> Lyapunov | Failure:
+    """Return a Lyapunov function of all plants within deviations, with the first of the rates that is found, and gain.
+
+    A rate of 0 asks for V' < 0 alone.
+    """
     question = question_of(setting, deviations)
-    for share in (*SLOW, *((0.0,) if setting.box is None else ())):
-        found = question.ask(share * fastest, None, None, log.left)
+    for rate in rates:
+        found = question.ask(rate, None, None, log.left)
         if found is not None:
-            gentle = smallest_gain(question, share * fastest, found, log.left) if share else None
-            best = shortened(gentle or found, log)
+            gentle = smallest_gain(question, rate, found, log.left) if rate else None
+            best = shortened(gentle or found, log, known=setting.places(log.used))
             return choose(best.assembly, best.solution.y, setting.lower)
     return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)

@@ -16,7 +16,7 @@ from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate
 from persid.networks.members import prove_members
 from persid.verdicts.log import Log
-from persid.verdicts.margins import question_of, slowly
+from persid.verdicts.margins import question_of, slow_rates, slowly
 from persid.verdicts.searches import settled
 
 MOST = 16.0  # multiples of the set above which none is sought
@@ -76,7 +76,7 @@ def _of_states(certificate: Certificate, rows: tuple[Deviation, ...], log: Log) 
     largest = 0.0 if best is None else best[0]
     whole = (1.0,) if SHARES[0] * largest < 1 <= largest else ()
     for rho in (*whole, *(share * largest for share in SHARES if largest)):
-        find = partial(slowly, fastest=setting.fastest, deviations=_times(rows, rho), log=log)
+        find = partial(slowly, rates=slow_rates(setting), deviations=_times(rows, rho), log=log)
         answer, setting = settled(setting, find, log)
         if isinstance(answer, Certificate) and "members" in answer.further:
             return rho, answer

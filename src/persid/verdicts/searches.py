@@ -1,6 +1,6 @@
 """Searches for a Lyapunov function that end in a proof: by margin, or by rate and gain."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from fractions import Fraction
 
@@ -16,7 +16,7 @@ from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, best_rate, kappa, smallest_gain
 from persid.lyapunov.search import MORE_FORMS, Outcome, search
-from persid.lyapunov.second_pass import loosened, with_fewer_forms
+from persid.lyapunov.second_pass import Form, in_use, loosened, with_fewer_forms
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import System
 from persid.models.outputs import OutputModel
@@ -52,7 +52,9 @@ def settled(
             setting, dropped = setting.without_unproved(found)
             if not dropped:
                 log.progress("checking in exact arithmetic")
-                return prove(setting.model, found, setting.point, setting.box, outputs), setting
+                certificate = prove(setting.model, found, setting.point, setting.box, outputs)
+                log.used |= found.forms
+                return certificate, setting
         except RejectedError as error:
             if isinstance(found, Lyapunov) and not grows(setting, found):
                 return Failure(Reason.FORM, words.NO_GROWTH), setting
@@ -118,15 +120,17 @@ def _searched(setting: Setting, system: System, full_P: bool, log: Log) -> Outco
     return found
 
 
-def shortened(found: Outcome, log: Log, slowest: float = 0.0) -> Outcome:
+def shortened(found: Outcome, log: Log, slowest: float = 0.0, known: Collection[Form] = ()) -> Outcome:
     """Return an outcome without the forms that it can spare, its rate at least `slowest`; of large models itself.
+
+    Forms that are `known`, of another proof, leave last.
 
     Where V reads a state through functions alone, their growth is needed, which no inequality asks for: all stay.
     """
     unknowns = found.assembly.unknowns
     if unknowns.system.n > SHORTENED_STATES or len(unknowns.system.states) < unknowns.system.n:
         return found
-    return with_fewer_forms(found, loosened(unknowns.target, slowest), log.left)
+    return with_fewer_forms(found, loosened(unknowns.target, slowest), log.left, known)
 
 
 def _coordinates(setting: Setting) -> Coordinates | None:
@@ -177,10 +181,13 @@ def _rated(question: Question, setting: Setting, rate: float | int | None, log: 
         best = question.ask(asked, None, best, log.left) or best
     if best is None:
         return None
-    best = shortened(best, log, asked)
     aim = min(max(decay.gentle(kappa(best), setting.model.dt), asked), kappa(best))
     gentle = smallest_gain(question, aim, best, log.left)
-    return best, best if gentle is None else shortened(gentle, log)
+    if gentle is None:
+        best = shortened(best, log, asked)
+        return best, best
+    gentle = shortened(gentle, log, asked)
+    return shortened(best, log, asked, in_use(gentle)), gentle
 
 
 def fastest(_: Setting, log: Log) -> Lyapunov | Failure:
