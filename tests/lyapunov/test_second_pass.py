@@ -7,7 +7,7 @@ import persid as ps
 from persid.lyapunov.multipliers import choose
 from persid.lyapunov.rates import Question
 from persid.lyapunov.search import Outcome
-from persid.lyapunov.second_pass import RATE, RATIO, loosened, with_fewer_forms
+from persid.lyapunov.second_pass import RATE, RATIO, in_use, loosened, with_fewer_forms
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import Target
 
@@ -79,3 +79,13 @@ def test_what_is_given_up(target: Target, slowest: float, kappa: float, ratio: f
     """A little of the gain, else of the rate, but no rate that is asked for."""
     less = loosened(target, slowest)
     assert (less.kappa, less.ratio) == (kappa, ratio)
+
+
+def test_known_forms_leave_last() -> None:
+    """Of two proofs' forms those that another one uses anyway stand at the end of what may leave."""
+    _, outcome = found(SATURATING, 0.9, 0.6)
+    usual = in_use(outcome)
+    known = usual[: len(usual) // 2]
+    order = in_use(outcome, known)
+    assert sorted(order, key=usual.index) == usual
+    assert order[-len(known) :] == known

@@ -1,0 +1,69 @@
+"""The smallest gain and the largest margin: nothing better is found by asking, and the way to them is short."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import persid as ps
+from persid.lyapunov.margins import Residuals, largest_margin
+from persid.lyapunov.rates import Question, attained, best_rate, kappa, smallest_gain
+from persid.lyapunov.shifted_model import Setting
+
+FEW = 45  # steps of the interior-point method from an outcome to the smallest gain; a single question takes about ten
+
+
+def plenty() -> float:
+    """Return the time left: a minute, always."""
+    return 60.0
+
+
+def drawn(seed: int) -> tuple[ps.PersidskiiModel, Question]:
+    """Return a random model of two states with x**3 and tanh, and the global question about it, a full P."""
+    rng = np.random.default_rng(seed)
+    terms = [(f, None, 0.3 * rng.normal(size=(2, 2)) - np.eye(2)) for f in ("x**3", "tanh(x)")]
+    model = ps.PersidskiiModel(0.5 * rng.normal(size=(2, 2)) - np.eye(2), terms, rng.normal(size=(2, 1)))
+    setting = Setting.of(model, None)
+    return model, Question(setting.system, setting.pools, setting.upper, setting.below, True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_smaller_gain_is_found(seed: int) -> None:
+    """The outcome attains its ratio gamma / p, a search for one 3 % smaller ends without, and the way takes few steps."""
+    _, question = drawn(seed)
+    best = best_rate(question, 2.0, plenty)
+    assert best is not None
+    rate = 0.5 * kappa(best)
+    found = smallest_gain(question, rate, best, plenty)
+    assert found is not None
+    ratio = found.assembly.unknowns.target.ratio
+    assert ratio is not None
+    assert kappa(found) == rate
+    assert attained(question, found)[0] <= 1.03 * ratio
+    assert question.ask(rate, 0.97 * ratio, found, plenty) is None
+    assert 0 < found.steps <= FEW
+
+
+def test_no_time_for_a_smaller_gain() -> None:
+    """Without time for the way any gain at that rate is returned."""
+    _, question = drawn(0)
+    start = question.ask(0.1, None, None, plenty)
+    assert start is not None
+    found = smallest_gain(question, 0.1, start, lambda: 0.0)
+    assert found is not None
+    assert kappa(found) == 0.1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_larger_margin_is_found(seed: int) -> None:
+    """Plants within 99 % of the largest margin are certified together, those within 103 % are not."""
+    model, question = drawn(seed)
+    residuals = Residuals.of(model, 1)
+    delta = largest_margin(question, residuals, 0.0, plenty)
+    assert delta > 0
+    answers = [
+        replace(question, deviations=(residuals.within(share * delta),)).ask(0.0, None, None, plenty)
+        for share in (0.99, 1.03)
+    ]
+    assert answers[0] is not None
+    assert answers[1] is None
