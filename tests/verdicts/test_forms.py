@@ -35,12 +35,12 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
 
 def test_a_verdict_turns_its_model_into_a_proof_once(counted: Counter[str]) -> None:
-    """All proofs share one canonical model; each of the four files is read to be factored and to be checked."""
+    """All proofs share one canonical model; each of the three files is read to be factored and to be checked."""
     model = ps.PersidskiiModel(-np.eye(2), [("tanh(x)", None, [[-1.0, 0.3], [-0.3, -1.0]])], [[1.0], [0.5]])
     verdict = ps.certify(model)
     assert isinstance(verdict, ps.Certified)
     assert verdict.certificate.claim == "rate-and-gain"
-    assert counted == {"object": 1, "written": 1, "equilibrium": 1, "file": 8}
+    assert counted == {"object": 1, "written": 1, "equilibrium": 1, "file": 6}
 
 
 def test_the_form_of_proofs_leads_back_to_the_model() -> None:
