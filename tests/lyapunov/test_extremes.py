@@ -29,7 +29,7 @@ def drawn(seed: int) -> tuple[ps.PersidskiiModel, Question]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_smaller_gain_is_found(seed: int) -> None:
-    """The outcome attains its ratio gamma / p, a search for one 3 % smaller ends without, and the way takes few steps."""
+    """The outcome attains its ratio gamma / p, one 3 % smaller is not found, and the way takes few steps."""
     _, question = drawn(seed)
     best = best_rate(question, 2.0, plenty)
     assert best is not None
