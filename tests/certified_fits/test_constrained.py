@@ -225,6 +225,22 @@ def test_functions_are_selected():
     assert all(0.5 < row.r2 <= 1 for row in fit.table_)
 
 
+@pytest.mark.long
+def test_a_function_is_learned_where_none_that_is_given_fits():
+    """select="auto" tries learned functions, too: of a saturation seen through cubes one is learned, and certified."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.5, 1.5, 80), 20)[:, None]
+    truth = PersidskiiModel([[-0.3]], [("sat(2*x)", None, [[-1.0]])], [[1.0]])
+    x = truth.simulate([0.0], 0.05 * np.arange(len(u)), u)[0].x
+    data = Trajectories.from_arrays(x + 0.01 * np.ptp(x) * rng.normal(size=x.shape), u, dt=0.05)
+    fit = CertifiedIdentifier(PersidskiiIdentifier(["x", "x**3"], ridge=1e-4), ridge=1e-4, select="auto").fit(data)
+    assert fit.functions_ == (("x", "pwl"),)
+    assert accepted(fit)
+    y = np.linspace(*np.quantile(x, [0.01, 0.99]), 200)[:, None]
+    found, wanted = (model.rhs(y, np.zeros((200, 1))) for model in (fit.model_, truth))
+    assert np.sqrt(((found - wanted) ** 2).mean()) < 0.03 * np.ptp(wanted)
+
+
 def row(functions: tuple[tuple[str, ...], ...], error: float, ridge: float = 1.0, **changed: object) -> Candidate:
     """Return a candidate with an error."""
     usual = {"feasible": True, "certified": None, "r2": 0.0, "excess": 0.0, "seconds": 0.0}
@@ -241,7 +257,7 @@ def test_candidates_are_ranked_by_error_and_size():
 
 
 def test_candidates_follow_what_was_good():
-    """After ridges come smaller sets; then scales, and sets without one function in one state, of the best so far."""
+    """After ridges come smaller sets and learned functions; then scales, and the best so far without one function."""
     full, table = (("x", "x**3", "tanh(x)"),) * 2, []
     best = (("x", "tanh(x)"),) * 2
     tried = []
@@ -250,7 +266,8 @@ def test_candidates_follow_what_was_good():
         table.append(row(choice.functions, 0.1 if choice.functions == best else 0.2, choice.ridge))
     assert [choice.functions for choice in tried[:5]] == [full, full, (("x",),) * 2, (("x", "x**3"),) * 2, best]
     assert [choice.functions for choice in tried[5:]] == [
-        (("x", "tanh(2*x)"),) * 2, (("x", "tanh(0.5*x)"),) * 2, (("x",), best[1]), (best[0], ("x",)),
+        (("x", "pwl"),) * 2, (("x", "tanh(2*x)"),) * 2, (("x", "tanh(0.5*x)"),) * 2,
+        (("x",), best[1]), (best[0], ("x",)),
     ]  # fmt: skip
     assert [choice.ridge for choice in trials(full, [1.0, 0.1], [], select=False)] == [1.0, 0.1]
 

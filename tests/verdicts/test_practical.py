@@ -8,6 +8,7 @@ import pytest
 
 import persid as ps
 from persid.commands.cli import main
+from persid.identification.learned import ramps
 
 DOUBLE_WELL = ps.PersidskiiModel([[0, 1], [1, -0.5]], [("x**3", [[1, 0]], [[0], [-1.0]])], [[0], [1.0]])
 DEAD_BAND = ps.PersidskiiModel([[-1.0]], [("tanh(2*x)", None, [[1.0]])], [[1.0]])
@@ -128,3 +129,36 @@ def test_the_ball_holds_where_a_constant_alone_takes_the_state(model: ps.Persids
     assert verdict.certificate.spread is not None
     assert rest <= verdict.certificate.spread
     assert verdict.certificate.spread == pytest.approx(verdict.certificate.bound([0.0], 0.0, [1e3])[0], rel=0.5)
+
+
+def _learned_well(ends: float, seed: int) -> ps.PersidskiiModel:
+    """x' = g(x) + u with seven ramps as a fit of `pwl` gives them: a hill about 0, random slopes, `ends` far out."""
+    rng, at = np.random.default_rng(seed), np.array([-1.5, -0.75, -0.25, 0.25, 0.75, 1.5])
+    slopes = np.concatenate([[ends], rng.uniform(-3, 1, 2), [rng.uniform(0.5, 2)], rng.uniform(-3, 1, 2), [ends]])
+    beside = np.delete(slopes - slopes[3], 3)  # the ramp about 0 is x itself
+    terms = [(f, None, [[a]]) for f, a in zip(ramps(at, beside_x=True), beside, strict=True)]
+    return ps.PersidskiiModel([[slopes[3]]], terms, [[1.0]])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
+def test_learned_functions_outside_their_sector_have_a_ball(seed: int) -> None:
+    """A piecewise linear hill is split into a sector part and a bounded one: runs come into a ball by their bound."""
+    model = _learned_well(-2.0, seed)
+    assert isinstance(ps.certify(model), ps.Refuted)
+    verdict = ps.certify(model, claim="practical")
+    assert isinstance(verdict, ps.Certified)
+    assert verdict.certificate.claim == "practical"
+    rng, t = np.random.default_rng(seed), np.linspace(0, 40, 401)
+    for start in (-20.0, -1.0, 0.01, 20.0):
+        size = float(rng.uniform(0, 2))
+        run = model.simulate([start], t, size * rng.choice([-1.0, 1.0], (len(t), 1)))[0].x[:, 0]
+        bound = verdict.certificate.bound([start], size, t)
+        assert (np.abs(run) <= bound * (1 + 1e-9)).all()
+    assert verdict.certificate.spread < 8
+
+
+@pytest.mark.long
+def test_a_learned_function_that_rises_far_out_has_no_ball() -> None:
+    """With slopes that rise beyond the last knot runs go away, and no ball is certified."""
+    assert not ps.certify(_learned_well(0.1, 0), claim="practical", time_limit=3).is_certified

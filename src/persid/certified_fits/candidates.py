@@ -11,6 +11,7 @@ from sklearn.base import clone
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
 from persid.identification.identifier import PersidskiiIdentifier
+from persid.identification.learned import USUAL, WORD
 from persid.identification.scores import parted
 from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
@@ -50,8 +51,8 @@ class Candidate:
 
     @property
     def size(self) -> int:
-        """Number of columns that are functions of the state."""
-        return sum(map(len, self.functions))
+        """Number of columns that are functions of the state; a learned one has about as many as it has knots."""
+        return sum(USUAL if f == WORD else 1 for row in self.functions for f in row)
 
 
 @dataclass(frozen=True)
@@ -84,15 +85,15 @@ def _eligible(row: Candidate) -> bool:
 def trials(start: Dictionary, ridges: Sequence[float], table: Sequence[Candidate], select: bool) -> Iterator[Choice]:
     """Yield what is to be tried; `table`, which grows meanwhile, tells what has proved good.
 
-    First the ridges. Then, to select functions: smaller sets, other scales of each function, and the sets without one
-    function in one state, each step from the best so far.
+    First the ridges. Then, to select functions: smaller sets, functions that are learned, other scales of each
+    function, and the sets without one function in one state, each step from the best so far.
     """
     for ridge in ridges:
         yield Choice(start, ridge)
     if not select:
         return
     seen = {start}
-    for step in (_smaller, _rescaled, _reduced):
+    for step in (_smaller, _learned, _rescaled, _reduced):
         base = ranked(table, ridges[0])[0]
         for functions in step(start if step is _smaller or base.functions is None else base.functions):
             if functions not in seen:
@@ -110,6 +111,11 @@ def _smaller(functions: Dictionary) -> Iterator[Dictionary]:
             found = tuple(tuple(f for f in row if f == "x" or f in kept) for row in functions)
             if all(found):
                 yield found
+
+
+def _learned(functions: Dictionary) -> Iterator[Dictionary]:
+    """Yield the set that learns a function of each state from the data, in place of those that are given."""
+    yield (("x", WORD),) * len(functions)
 
 
 def _rescaled(functions: Dictionary) -> Iterator[Dictionary]:

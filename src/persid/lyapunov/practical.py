@@ -23,12 +23,15 @@ from persid._dyadics import rounded
 from persid.lyapunov.barrier import Block, Centre, Region, minimise
 from persid.lyapunov.frame import Frame, Unknown
 from persid.lyapunov.integrals import _sampled
-from persid.lyapunov.points import Form, Known
+from persid.lyapunov.points import Form, Known, Point, steepness
 from persid.lyapunov.proposals import ROOM, Candidate, feasible
 from persid.lyapunov.sectors import RELAXATION, Curve, _directions, _facets, _interior, sizes
 
 FORMS = 4  # of a curve that hold far out
 SAMPLES = 2000
+MANY = 3  # functions of one argument, from which on their sums in the equations are split, not the functions themselves
+ALIKE = 1 - 1e-9  # cosine of the angle between two sums that are one
+ROOM_OF_SLOPES = 2.0**-8  # of the slopes of a sum far out, by which its sector is wider
 SAFETY = 1 + 1 / 32  # what samples show is made larger by so much, so that few pieces prove it
 LARGEST = 64.0  # a form with a larger c is no density worth having
 RADII = tuple(2.0**k for k in range(-4, 13))  # beyond which forms hold, in units of the functions
@@ -59,13 +62,18 @@ class Rough(Frame):
         """The constant that samples show of each product of two forms at a point, one of which holds far out alone."""
         found = {}
         for p, point in enumerate(self.points):
-            usable = [k for k, form in enumerate(point.forms) if form.kind != "one-signed"]
+            usable = [k for k, form in enumerate(point.forms) if form.kind != "one-signed" and self._joins(point, form)]
             for k, j in combinations(usable, 2):
                 pair = point.forms[k], point.forms[j]
                 c = constant_of(point.curve, pair[0].form, pair[1].form)
                 if c and any(form.kind == "offset" for form in pair):  # c = 0 is only for sector forms
                     found[p, k, j] = c
         return found
+
+    @staticmethod
+    def _joins(point: Point, form: Known) -> bool:
+        """Whether a form may stand in a product with a constant: of many functions only y and those of the sums."""
+        return len(point.channels) < MANY or form.kind == "offset" or not any(form.form[1:])
 
     def _constants(self) -> Iterator[Unknown]:
         for p, k, j in self.constants:
@@ -90,8 +98,53 @@ def rough_frame(frame: Frame, r: float) -> Rough:
     for point in frame.points:
         at_0 = point.curve.values(np.zeros(1))[0]
         resting = (form for form in point.forms if not float(at_0 @ np.array(form.form)))
-        points.append(replace(point, forms=(*resting, *far_forms(point.curve, r))))
+        sums = tuple(_sums(frame, point)) if len(point.channels) >= MANY else ()
+        far = split_forms(point.curve, sums, r) if sums else far_forms(point.curve, r)
+        points.append(replace(point, forms=(*resting, *far)))
     return Rough(frame.model, tuple(points), frame.lone, identities=frame.identities)
+
+
+def with_slopes_bounded(point: Point) -> Point:
+    """Return a point of many functions with s y - f, s the largest slope of f, for each of them whose slope has one.
+
+    Sums alone leave the values of single functions free; candidates of a curve are too few to hold one for each.
+    """
+    if len(point.channels) < MANY:
+        return point
+    known = {form.form for form in point.forms}
+    axes = np.eye(len(point.channels) + 1)[1:]
+    steepest = [steepness(point.curve, tuple(axis.tolist())) for axis in axes]
+    forms = [tuple((s * np.eye(len(axis))[0] - axis).tolist()) for s, axis in zip(steepest, axes, strict=True)]
+    added = (Known(form, "nondecreasing") for form in forms if form[0] < np.inf and form not in known)
+    return replace(point, forms=(*point.forms, *added))
+
+
+def _sums(frame: Frame, point: Point) -> Iterator[Form]:
+    """Return how the values of a point enter the equations, each direction once."""
+    seen = list[ndarray]()
+    for i in range(frame.order):
+        column = np.array([float(frame.model.channels[c].column[i]) for c in point.channels])
+        unit = column / (np.linalg.norm(column) or 1.0)
+        if unit.any() and not any(abs(unit @ other) > ALIKE for other in seen):
+            seen.append(unit)
+            yield tuple(column.tolist())
+
+
+@lru_cache(maxsize=4096)
+def split_forms(curve: Curve, sums: tuple[Form, ...], r: float) -> tuple[Known, ...]:
+    """Return forms of each sum g = a'f, as a function with slopes within a sector beyond r and a bounded part.
+
+    Beyond r, low <= g(y)/y <= high: g - low y and high y - g have the sign of y there.
+    """
+    y, phi, integral = _sampled_once(curve)
+    far = np.abs(y) >= r / max(map(float, curve.factors), default=1.0)
+    found = list[Known | None]()
+    for a in sums:
+        slopes = (phi[far, 1:] @ np.array(a)) / y[far]
+        width = ROOM_OF_SLOPES * (float(np.abs(slopes).max(initial=0.0)) or 1.0)
+        low, high = float(slopes.min()) - width, float(slopes.max()) + width
+        found += [_known(y, phi, integral, _short(np.array(form))) for form in ((-low, *a), (high, *(-v for v in a)))]
+    return tuple(each for each in found if each is not None)
 
 
 @lru_cache(maxsize=4096)

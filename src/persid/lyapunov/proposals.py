@@ -184,15 +184,19 @@ def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Cand
     try:
         free = frame.order < frame.n or bool(frame.identities)  # multipliers of any sign
         plain = not (solvable.zero or frame.is_regional or frame.sloped or free)
-        w = _priced(matrices, left) if plain else _centred(candidate, left)
+        w = _priced(matrices, left) if plain else None
+        w = _centred(candidate, left) if w is None else w
         candidate = replace(candidate, w=w)
         return candidate if np.isfinite(candidate.gamma(w)) else None
     except np.linalg.LinAlgError:  # numbers of a size that floating point does not bear
         return None
 
 
-def _priced(matrices: Matrices, left: Left) -> Float[ndarray, " J"]:
-    """Return unknowns of the interior-point method: facts that its dual matrix prices below zero join in rounds."""
+def _priced(matrices: Matrices, left: Left) -> Float[ndarray, " J"] | None:
+    """Return unknowns of the interior-point method: facts that its dual matrix prices below zero join in rounds.
+
+    None where it has no point to begin at, and the problem is small.
+    """
     frame, all_of = matrices.frame, matrices.M()
     facts = np.array([k for k, each in enumerate(matrices.unknowns) if each.label[0] in ACROSS], int)
     chosen = [k for k in range(len(matrices.unknowns)) if k not in set(facts)]
@@ -204,6 +208,8 @@ def _priced(matrices: Matrices, left: Left) -> Float[ndarray, " J"]:
     for _ in range(ROUNDS):
         problem = replace(matrices.part(chosen).M(sign=-1.0), cost=cost[chosen], C=C, symmetric=frame.n)
         found = solve(problem, start=start, fall=FALL, time_limit=left())
+        if found.status is Status.STALLED and not found.steps and len(cost) <= DENSE:
+            return None
         w[:] = 0.0
         w[chosen] = found.y
         if found.status is Status.INTERRUPTED:

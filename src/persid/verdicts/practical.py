@@ -6,7 +6,7 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.facts import proved, proved_far
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
-from persid.lyapunov.practical import ball_of, rough_frame, smallest_balls
+from persid.lyapunov.practical import ball_of, rough_frame, smallest_balls, with_slopes_bounded
 from persid.lyapunov.proposals import system_of
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import scaling
@@ -23,7 +23,7 @@ def practically(model: PersidskiiModel, each: bool, log: Log) -> Certificate | F
     """Certify that every run comes into a ball about x_ref, as small as is found; no equilibrium is needed."""
     setting = Setting.of(model, None)
     frame = frame_of(setting)
-    frame = replace(frame, points=tuple(map(proved, frame.points)))
+    frame = replace(frame, points=tuple(proved(with_slopes_bounded(point)) for point in frame.points))
     failure = stopped(Status.INFEASIBLE)
     for known in (frame, *with_products(setting, frame)):
         answer = _ball(setting, known, each, log)
