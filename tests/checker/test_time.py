@@ -12,17 +12,22 @@ import pytest
 from flint import ctx
 
 from checker import known_ledgers
+from checker.identities import known
 from checker.maker import data
+from checker.maker import model as model_object
 from checker.test_algebraic_regions import _content as fold_region
 from checker.test_network import file as network_file
 from checker.test_network import model as network_model
 from persid_check import Accepted, Malformed, Rejected, check
 from persid_check.enclosure import PRECISION, constant
 from persid_check.ledger.algebraic import prove_algebraic
+from persid_check.ledger.check import MOST_STEPS
 from persid_check.ledger.file import read_ledger
+from persid_check.ledger.identities import prove_identity
 from persid_check.memory import Question
 from persid_check.networks import certificate as of_networks
 from persid_check.networks.members import Members
+from persid_check.results import NotProvedError
 from persid_check.work import limited
 
 PRIME = 2**61 - 1  # Python's numbers hash modulo it
@@ -73,6 +78,19 @@ def test_no_file_takes_long(content: Callable[[], Content], answer: type) -> Non
     begun = process_time()
     assert isinstance(check(written), answer)
     assert process_time() - begun < SECONDS
+
+
+def test_long_monomials_count_as_such() -> None:
+    """Two powers of rows whose product has three million monomials of 24 factors are refused before it is made."""
+    rows = [[float(k // 5 == side) for k in range(10)] for side in (0, 1)]
+    model = model_object(
+        [("x**12", rows, [[0.0, 0.0]] * 10)], [[-float(i == j) for j in range(10)] for i in range(10)], n=10
+    )
+    content = known(model, [[int(i == j) for j in range(10)] for i in range(10)], [(11, 10, 1)])
+    ledger, begun = read_ledger(json.loads(json.dumps(content))), process_time()
+    with pytest.raises(NotProvedError, match="too many steps"), limited(MOST_STEPS):
+        prove_identity(ledger)
+    assert process_time() - begun < SECONDS / 2
 
 
 def test_kinds_that_no_node_has_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ from persid_check.work import spend
 MAX_DEGREE = 16  # of a function that an identity reads
 MAX_BITS = 2**15  # of the numbers of its coefficients
 BITS_A_STEP = 1024
+FACTORS_A_STEP = 4  # of a monomial
 WHERE = "facts.identity"
 
 Monomial = tuple[int, ...]  # the states in it, rising, each as often as its power says
@@ -92,11 +93,20 @@ def _value(coefficients: Sequence[fmpq], y: Polynomial) -> Polynomial:
 
 def _add(total: Terms, a: Polynomial, b: Polynomial) -> None:
     """Add a b to a total."""
-    spend(len(a) * len(b) * (1 + (_bits(a.values()) + _bits(b.values())) // BITS_A_STEP))
+    bits, factors = (sum(size(each) for each in (a, b)) for size in (_bits_of, _factors))
+    spend(len(a) * len(b) * (1 + bits // BITS_A_STEP + factors // FACTORS_A_STEP))
     for first, v in a.items():
         for second, w in b.items():
             monomial = tuple(sorted(first + second))
             total[monomial] = total.get(monomial, fmpq(0)) + v * w
+
+
+def _bits_of(a: Polynomial) -> int:
+    return _bits(a.values())
+
+
+def _factors(a: Polynomial) -> int:
+    return max(map(len, a), default=0)
 
 
 def _without_zeros(total: Terms) -> Polynomial:
