@@ -14,9 +14,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from checker import named
+from checker import known_ledgers, named
+from checker.identities import below_one
 from checker.maker import data, file, model
+from checker.test_algebraic_regions import _content as fold_region
+from checker.test_network import file as network_file
+from checker.test_network import model as network_model
 from persid_check import Accepted, FormatError, Malformed, Rejected, canonical_model, check, work
+from persid_check.networks.certificate import FIELDS as NETWORK_FIELDS
 from places import ROOT
 
 MEMORY = 1_500 * 2**20  # address space of the process that checks them all; the interpreter and FLINT are in it
@@ -264,13 +269,26 @@ ODD: st.SearchStrategy[Any] = st.recursive(
 )
 
 
+def network_of_one() -> dict[str, Any]:
+    """A network of one node, and others with another coefficient."""
+    alone = network_file(network_model([[-2.0]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]]),
+                         [([("tanh(x)", 1.0)], [[0.0, 1.0]])], [1.0], 1.0, every=True)  # fmt: skip
+    return alone | {"deviations": [{"state": 0, "C": [[[0, [1, -4]], [2, [1, -4]]]]}]}
+
+
 def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """All places of a JSON value."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [path, *(place for key, inner in items for place in places(inner, (*path, key)))]
 
 
-BASES = {name: named.load(name) for name in named.MAKERS}
+BASES = {
+    **{name: named.load(name) for name in named.MAKERS},
+    **{name: known_ledgers.load(name) for name in ("plant", "difference", "slopes", "practical", "identity_rated")},
+    "network": network_of_one(),
+    "identity": below_one(),
+    "algebraic": fold_region(),
+}
 PLACES = {name: places(content)[1:] for name, content in BASES.items()}
 
 
@@ -293,6 +311,21 @@ def test_any_place_of_a_file_may_hold_anything(draw: st.DataObject) -> None:
     if not isinstance(result, Accepted):
         assert result.where
         assert result.why
+
+
+@pytest.mark.parametrize("claim", ["L1", "L1-infeasible", "G", "refuted", "infeasible", "iss"])
+@pytest.mark.parametrize("model", [None, True, 1, "x", [], [1, 0], {}, {"terms": 1}, {"states": {}, "A0": {}}])
+def test_a_model_may_be_anything(claim: str, model: object) -> None:
+    """Of each kind of file what stands in place of the model is malformed, and no exception."""
+    fields = {"G": "g_linear", "refuted": "refuted_line", "infeasible": "infeasible_full"}
+    content = named.load(fields[claim]) if claim in fields else network_of_one()
+    if claim == "iss":
+        content = below_one()
+    if claim == "L1-infeasible":
+        content = {name: content.get(name) for name in NETWORK_FIELDS[claim]}
+    answer = check(json.dumps(content | {"model": model, "claim": claim}).encode())
+    assert isinstance(answer, Malformed)
+    assert answer.where.startswith("model") or claim in ("L1", "L1-infeasible")
 
 
 @pytest.mark.parametrize("text", [b"", b"null", b"[]", b'{"claim":"G","claim":"E"}', b"\xff", b'{"a":1e999}', b"NaN"])

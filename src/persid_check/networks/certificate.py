@@ -238,6 +238,8 @@ def _y(size: int) -> tuple[Fraction, ...]:
 
 def _subject(claim: str, data: Stated, folder: Path | None, content: bytes | None) -> NetworkSubject:
     form, entry = data["model"], data["companion"]
+    if not isinstance(form, dict):
+        raise FormatError("model", "an object is needed")
     arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
     if holds_objects(form):
         sparse = read_sparse(form, arrays)
