@@ -13,11 +13,11 @@ from flint import arb, fmpq
 
 from persid_check.enclosure import Interval, UndefinedError, constant, enclose
 from persid_check.taylor import ORDER, Coefficient, coefficients_about, series
+from persid_check.work import spend
 
 Key = tuple[fmpq, fmpq, fmpq]  # exponents (b, a, d) of e^y, y, log y
 
 MAX_TERMS = 8
-EXPANSION = 32  # steps on intervals that a step on an expansion counts for
 BINOMIAL_ORDER = 5
 MAX_HEIGHT = 2000  # bits of an exact coefficient
 MAX_KEY = 10**6
@@ -96,14 +96,19 @@ class Horizon:
 
 
 class Expansion:
-    """A sum of terms, leading term first, on a horizon; no term at all is the function 0."""
+    """A sum of terms, leading term first, on a horizon; no term at all is the function 0.
+
+    It takes two steps to make one, and two more for each term that is added up.
+    """
 
     __slots__ = ("horizon", "terms")
 
     def __init__(self, horizon: Horizon, terms: Iterable[tuple[Key, Coefficient]]) -> None:
         self.horizon = horizon
         merged: list[tuple[Key, Coefficient]] = []
-        for key, c in sorted(terms, key=_key, reverse=True):
+        listed = sorted(terms, key=_key, reverse=True)
+        spend(2 + 2 * len(listed))
+        for key, c in listed:
             if merged and merged[-1][0] == key:
                 merged[-1] = (key, _plus(merged[-1][1], c))
             else:

@@ -21,6 +21,8 @@ FUNCTIONS = frozenset({
     "sqrt", "abs", "exp", "log1p", "expm1", "sin", "cos", "tan", "sinh", "cosh", "tanh",
     "arcsinh", "arctan", "erf", "softsign", "softplus", "relu", "deadzone", "sat",
 })  # fmt: skip
+_KINKS = frozenset(["abs", "relu", "deadzone", "sat"])
+_WORK = {"*": 2, "/": 4, "**": 8} | dict.fromkeys(FUNCTIONS - _KINKS, 4)
 MAX_LENGTH = 1000  # characters of text
 MAX_LENGTH_WITH_TABLES = 4000
 MAX_KNOTS = 64  # of all tables of an expression
@@ -108,8 +110,8 @@ def kinks(program: Program) -> tuple[Fraction, ...]:
 
 
 def work_of(program: Program) -> int:
-    """Return the steps that one run of a program counts for: a function or a power takes as long as four sums."""
-    return sum(4 if step.name in FUNCTIONS or step.name == "**" else 1 for step in program)
+    """Return the steps that one run of a program counts for: one for a sum or a kink, more for what takes longer."""
+    return sum(_WORK.get(step.name, 1) for step in program)
 
 
 def is_linear(program: Program) -> bool:

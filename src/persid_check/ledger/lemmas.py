@@ -24,8 +24,8 @@ from persid_check.enclosure import (
     value,
     value_and_slope,
 )
-from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
-from persid_check.expression import Program
+from persid_check.expansion import CONSTANT, Expansion, Horizon
+from persid_check.expression import Program, work_of
 from persid_check.work import remembered, spend
 
 Functions = tuple[tuple[Program, Fraction], ...]
@@ -174,7 +174,7 @@ class Lemma:
 
     def _raw(self, y: E) -> tuple[E, E]:
         """Return g and g' at an element, whatever the centre."""
-        spend(sum((len(program) for program, _ in self.functions), 1))
+        spend(sum((work_of(program) for program, _ in self.functions), 1))
         return _combined(self.functions, self.form, y)
 
     @cached_property
@@ -195,7 +195,6 @@ class Lemma:
         return self._expanded(Y, sign, inverse=False)
 
     def _expanded(self, Y: Fraction, sign: int, *, inverse: bool) -> bool:
-        spend(EXPANSION * sum((len(program) for program, _ in self.functions), 1))
         try:
             y = variable(Y, sign, inverse=inverse)
             sign = 1 if self.kind == "one-signed" else sign
@@ -250,7 +249,7 @@ def _value(functions: Functions, form: Form, y: E) -> E:
 
 def vanishes(functions: Functions, form: Form) -> bool:
     """Whether l'phi(0) = 0, by exact evaluation."""
-    spend(sum((len(program) for program, _ in functions), 1))
+    spend(sum((work_of(program) for program, _ in functions), 1))
     try:
         at = _value(functions, form, constant(_ZERO))
     except UndefinedError:
@@ -279,7 +278,7 @@ class Product:
 
     def holds_on(self, a: Fraction, b: Fraction) -> bool:
         """Whether interval arithmetic, or the mean value form, proves it on [a, b]."""
-        spend(4 * sum((len(program) for program, _ in self.functions), 1))
+        spend(4 * sum((work_of(program) for program, _ in self.functions), 1))
         half = (b - a) / 2
         try:
             (F, dF), (G, dG) = (_combined(self.functions, form, between(a, b)) for form in self.forms)
@@ -292,7 +291,6 @@ class Product:
 
     def holds_beyond(self, Y: Fraction, sign: int) -> bool:
         """Whether the expansions at infinity prove it for sign * y >= Y."""
-        spend(2 * EXPANSION * sum((len(program) for program, _ in self.functions), 1))
         try:
             y = variable(Y, sign, inverse=False)
             f, g = (_value(self.functions, form, y) for form in self.forms)
@@ -315,11 +313,10 @@ def discontinuous(
         return "the cuts do not hold 0 inside"
     for program, alpha in functions:
         for a, b in pairwise(cuts):
-            spend(len(program))
+            spend(work_of(program))
             if not _runs(program, alpha, between(a, b), lipschitz):
                 return f"on the piece from {_shown(a)} to {_shown(b)}"
         for end, sign in () if ends is not None else ((cuts[0], -1), (cuts[-1], 1)):
-            spend(EXPANSION * len(program))
             if not _runs(program, alpha, variable(abs(end), sign, inverse=False), lipschitz):
                 return f"beyond {_shown(end)}"
     return None

@@ -15,7 +15,7 @@ from typing import ParamSpec
 from flint import ctx, fmpq
 
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
-from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
+from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
 from persid_check.memory import kept
 from persid_check.search.side import (
@@ -248,7 +248,6 @@ def _continuous(program: Program, ends: Domain) -> bool:
 
 
 def _defined_beyond(program: Program, Y: Fraction, sign: int) -> bool:
-    spend(EXPANSION * work_of(program))
     try:
         value(program, Expansion(Horizon(Y), [((fmpq(0), fmpq(1), fmpq(0)), fmpq(sign))]))
     except UndefinedError:
@@ -309,7 +308,6 @@ def _is_even_integer(value: Fraction | None) -> bool:
 def _some(places: Iterable[Fraction], side: Side, test: Callable[[Side, Expansion, Expansion], bool]) -> bool:
     """Whether a test holds for the expansion of G beyond one of the places."""
     for Y in places:
-        spend(EXPANSION * side.steps)
         try:
             t, G = side.beyond(Y)
             if test(side, t, G):
@@ -336,7 +334,6 @@ def _diverges(side: Side, t: Expansion, G: Expansion) -> bool:
 def _starts_positive(side: Side) -> bool:
     """Whether G > 0 on some (0, h]."""
     for h in GERMS:
-        spend(EXPANSION * side.steps)
         try:
             if side.shift is None:
                 if side.beyond(1 / h, inverse=True)[1].relative().lo > 0:

@@ -3,18 +3,17 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TypeVar
 
 from flint import arb, fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
-from persid_check.expansion import CONSTANT, EXPANSION, Expansion, Horizon
+from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, kinks, work_of
-from persid_check.memory import kept
 from persid_check.search.series import LOCAL, Series, least, somewhere, variable
-from persid_check.work import spend
+from persid_check.work import remembered, spend
 
 Curve = tuple[tuple[Program, Fraction], ...]
 Form = tuple[Fraction, ...]
@@ -112,7 +111,7 @@ def _rises(curve: Curve, sign: int, shift: Shift, t: E, y: E) -> list[tuple[E, E
     return found
 
 
-@kept(4096)
+@partial(remembered, most=4096)
 def _beyond(
     curve: Curve, sign: int, shift: Shift, Y: Fraction, inverse: bool, slope: bool
 ) -> tuple[Expansion, list[tuple[Expansion, ...]]] | None:
@@ -183,7 +182,6 @@ class Proof:
 
     def _sign_beyond(self, Y: Fraction, *, inverse: bool) -> bool:
         """Whether the expansion proves the property; an expansion with the wrong sign ends the proof."""
-        spend(EXPANSION * self.side.steps)
         try:
             expression = self.wanted.expression(*self.side.beyond(Y, inverse=inverse, slope=self.wanted.needs_slope))
             if not isinstance(expression, Expansion) or not expression.terms:
