@@ -57,6 +57,17 @@ def test_a_row_of_zeros_is_a_constant(f: str) -> None:
     assert isinstance(ps.certify(model, domain=[[-1.0, 1.0], [-2.0, 2.0]]), ps.Certified)
 
 
+def test_a_first_dual_matrix_is_not_pulled_onto_the_edge() -> None:
+    """Where hardly anything lies between two bounds the matrix between them is singular in rounding: none is taken."""
+    terms = [
+        ("x**3", [[0.0], [1.4472238376431215]], [[-0.17643211338018733, 0.0]]),
+        ("relu(x)", [[-0.303257560736273], [0.303257560736273]], [[-0.31848768370741, -0.5493088152464176]]),
+    ]
+    more = {"x_ref": [0.5573773855248043], "domain": [[-2.0, 2.0]]}
+    model = ps.PersidskiiModel([[-2.0899743826428705]], terms, [[1.1015083279090478]], **more)
+    assert ps.certify(model).is_certified
+
+
 def test_a_function_that_is_tiny_at_the_operating_point_is_no_exception() -> None:
     """About x = -370, softplus(2 x) is of the size 1e-321: units do not overflow."""
     terms = [("softplus(x)", [[2.0]], [[-0.5]]), ("deadzone(x)", [[0.5]], [[0.5]])]

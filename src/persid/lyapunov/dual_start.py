@@ -17,6 +17,7 @@ from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Scaling, System
 
 SAMPLES = 6  # points of the sector cone per entry of z from which the mean is taken
+ROOM = 1e-6  # of eigenvalues and prices, of which the mean is about 1: what is closer to zero is zero in rounding
 LARGE = 30.0  # mean square of the entries of a point, in their units, from which it counts less
 
 Rows = tuple[Int[ndarray, " _"], Float[ndarray, "_ _"]]  # the entries that forms of a group read, and the rows there
@@ -100,7 +101,7 @@ def _inward(X: Float[ndarray, "e e"], forms: Sequence[Rows]) -> Float[ndarray, "
     falling, rising = change < 0, change > 0
     least = float((price[falling] / change[falling]).max(initial=-np.inf))
     most = min(float(np.linalg.eigvalsh(X)[0]), (price[rising] / change[rising]).min(initial=np.inf))
-    if least < 0 < most or not least < most:
+    if least < 0 < most or not least + ROOM < most:
         return X
     c = 0.5 * (least + most) if np.isfinite(least) else 2 * most
     inward: ndarray = X - c * np.eye(len(X))
