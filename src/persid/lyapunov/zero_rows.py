@@ -119,15 +119,16 @@ def _largest_support(unknowns: Sequence[Unknown], equations: Sequence[dict[int, 
     everything = np.ones(J)
     if not equations:
         return everything
-    A = np.zeros((len(equations), 2 * J))
-    for row, equation in zip(A, equations, strict=True):
-        size = max(abs(v) for v in equation.values())
-        for k, v in equation.items():
-            row[k] = float(v / size)
+    if not signed.any():
+        return np.zeros(J)
+    sizes = [max(map(abs, each.values())) for each in equations]
+    lines = [(i, k, float(v / sizes[i])) for i, each in enumerate(equations) for k, v in each.items()]
+    rows, columns, values = zip(*lines, strict=True)
+    A: Any = sparse.csr_array((values, (rows, columns)), shape=(len(equations), 2 * J))
     least: Any = sparse.csr_array(sparse.hstack([-sparse.eye_array(J), sparse.eye_array(J)]))[np.flatnonzero(signed)]
     bounds: Any = np.array([(0 if s else -np.inf, np.inf) for s in signed] + [(0, float(s)) for s in signed])
     cost = np.concatenate([np.zeros(J), -signed.astype(float)])
-    x = linprog(cost, A_ub=least, b_ub=np.zeros(least.shape[0]), A_eq=A, b_eq=np.zeros(len(A)), bounds=bounds).x
+    x = linprog(cost, A_ub=least, b_ub=np.zeros(least.shape[0]), A_eq=A, b_eq=np.zeros(len(equations)), bounds=bounds).x
     return np.where(signed & (x[J:] < 0.5), 0.0, x[:J]) if x is not None else np.where(signed, 0.0, everything)
 
 

@@ -150,7 +150,7 @@ def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> list[Way]:
     if asked.model.is_discrete:
         return [*ways, partial(_by_facts, asked, setting, frame, log)]
     ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
-    ways += [partial(_by_facts, asked, setting, known, log) for known in with_products(setting, frame)]
+    ways.append(partial(_by_products, asked, setting, frame, log))
     sloped = with_slopes(setting, frame)
     if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
         ways.append(partial(_by_facts, asked, setting, sloped, log))
@@ -227,6 +227,16 @@ def _by_facts(asked: Question, setting: Setting, frame: Frame, log: Log) -> Cert
         found, fastest = by_facts(About.of(setting), frame, asked.rate, asked.each, log)
         outcome.append(_word(found))
     return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
+
+
+def _by_products(asked: Question, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
+    """Certify with products of states that cancel in V': few of them first."""
+    answer: Certified | Failure = stopped(Status.INFEASIBLE)
+    for known in with_products(setting, frame):
+        answer = _by_facts(asked, setting, known, log) if log.left() > 0 else stopped(Status.TIME)
+        if isinstance(answer, Certified):
+            break
+    return answer
 
 
 def _practical(asked: Question, verdict: Refuted | Failure | None, log: Log) -> Certified | Refuted | Failure | None:
