@@ -54,6 +54,17 @@ def five_modes(R: float) -> ps.PersidskiiModel:
     return flow(A0, products, [[0.0], [0], [1], [0], [0]], x_ref=[0, 0, R / 5, 0, 0])
 
 
+def prey() -> ps.PersidskiiModel:
+    """Predators y and prey x that fills its room, x' = x (3 - x - 2 y), y' = y (x - 1), about their rest (1, 1)."""
+    products = {(0, 0, 0): -1.0, (0, 0, 1): -2.0, (1, 0, 1): 1.0}
+    return flow([[-1, -2], [1, 0]], products, x_ref=[1, 1])
+
+
+def triad() -> ps.PersidskiiModel:
+    """Three modes that excite each other, x' = -x + y z and so on around: stable about 0, unstable at (1, 1, 1)."""
+    return flow(-np.eye(3), {(0, 1, 2): 1.0, (1, 0, 2): 1.0, (2, 0, 1): 1.0})
+
+
 def drawn(rng: np.random.Generator, n: int, growth: float) -> ps.PersidskiiModel:
     """A random truncation of a flow: products that keep |x|^2, and x'A0 x <= growth |x|^2, with equality somewhere.
 

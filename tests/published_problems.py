@@ -223,6 +223,8 @@ PUBLISHED: tuple[Published, ...] = (
                   ("17.76*x-103.79*x**2+229.62*x**3-226.31*x**4+83.72*x**5", [[1.0, 0.0]], [[-0.5], [0.0]]),
                   B=((0.0,), (0.2,)), b=[0.0, 0.24]),
            0.105, None, None, KHALIL),
+    Region("predators and prey that fills its room", flows.prey(), 1.3, None, None,
+           "Goh, Amer. Nat. 111 (1977)", before=0.369),
     Region("toggle switch", _plane(-np.eye(2), ("3/(1+x**2)", [[0.0, 1.0], [1.0, 0.0]], np.eye(2)),
                                    B=((1.0,), (0.0,))), 3.2, None, None,
            "Gardner, Cantor & Collins, Nature 403 (2000)"),

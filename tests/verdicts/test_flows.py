@@ -12,6 +12,7 @@ from checker.test_identities import identity_is_zero
 from persid.lyapunov.identities import with_identities
 from persid.lyapunov.shifted_model import Setting
 from persid.verdicts.facts import frame_of
+from published_problems import volume
 
 HOW = "products of states that cancel"
 
@@ -93,10 +94,26 @@ def test_products_that_do_not_cancel_are_not_certified() -> None:
         assert not ps.certify(flows.flow(A0, products), time_limit=10).is_certified
 
 
+@pytest.mark.parametrize(
+    ("model", "before", "least"),
+    [
+        pytest.param("prey", 0.369, 1.3, marks=pytest.mark.long),
+        pytest.param("triad", 3.26, 10.0, marks=pytest.mark.slow),
+    ],
+)
+def test_regions_of_models_with_products_are_larger(model: str, before: float, least: float) -> None:
+    """What is known of products of functions, (x y)^2 against x^2 y^2, makes regions more than three times as large."""
+    verdict = ps.certify({"prey": flows.prey, "triad": flows.triad}[model](), domain="auto", time_limit=60)
+    assert isinstance(verdict, ps.Certified)
+    assert verdict.certificate.content["facts"]["identity"]
+    assert volume(verdict.certificate) > least > 3 * before
+    assert faults(verdict.certificate.content, samples=500) == []
+
+
 def test_identities_of_a_model_are_zero() -> None:
     """Each identity that the search is given vanishes at random states, in fractions."""
     for model in (flows.lorenz(0.5), flows.five_modes(1.0), flows.drawn(np.random.default_rng(1), 5, -0.5)):
-        frame = with_identities(frame_of(Setting.of(model, None)), None, squares=True)
+        frame = with_identities(frame_of(Setting.of(model, None)), None, "all")
         assert frame.identities
         channels = {at: frame.n + c for c, at in frame.places.items()}
         for identity in frame.identities[:50]:
@@ -107,4 +124,4 @@ def test_identities_of_a_model_are_zero() -> None:
 def test_a_model_whose_functions_are_no_polynomials_has_none() -> None:
     """Sines and relus have no identities, and certify tries none."""
     model = ps.PersidskiiModel(-np.eye(2), [("sin(x)", None, 0.1 * np.eye(2))], np.eye(2))
-    assert with_identities(frame_of(Setting.of(model, None)), None, squares=True).identities == ()
+    assert with_identities(frame_of(Setting.of(model, None)), None, "all").identities == ()

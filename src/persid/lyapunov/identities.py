@@ -9,6 +9,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations_with_replacement
 from math import gcd, lcm
+from typing import Literal
 
 from flint import fmpq, fmpq_mat
 
@@ -18,27 +19,32 @@ from persid_check.ledger.identities import Monomial, Polynomial, polynomial
 from persid_check.results import NotProvedError
 
 PAIRS = 4000  # of entries at most
+MOST = 1300  # identities: twelve modes, each product of two in every equation, have 1,220
 Place = tuple[int, int]
+Pairs = Literal["states", "degree", "all"]
 Identity = tuple[tuple[int, int, Fraction], ...]  # (i, j, sigma), i >= j
 
 
-def with_identities(frame: Frame, point: OperatingPoint | None, *, squares: bool) -> Frame:
-    """Return the frame with a basis of its identities: of a state and a function, with `squares` of two functions, too.
+def with_identities(frame: Frame, point: OperatingPoint | None, pairs: Pairs) -> Frame:
+    """Return the frame with a basis of its identities, of `pairs` of entries.
 
+    "states": of a state with a state or a function; "degree": of two functions, too, if their degree is no larger than
+    that of these; "all". What has a larger degree helps where functions have sector forms, on strips.
     It has none where the point is known in a ball alone, or where the functions are no polynomials.
     """
     if frame.model.algebraic or frame.model.is_discrete or (point is not None and point.radius):
         return frame
     values = _values(frame, None if point is None else [Fraction(float(v)) for v in point.x])
     highest = max((_degree(value) for value in values.values()), default=0)
-    pairs = [
+    limit = {"states": 0, "degree": 1 + highest, "all": 2 * highest}[pairs]
+    places = [
         (max(i, j), min(i, j)) for i, j in combinations_with_replacement(values, 2)
-        if min(i, j) < frame.n or (squares and _degree(values[i]) + _degree(values[j]) <= 1 + highest)
+        if min(i, j) < frame.n or _degree(values[i]) + _degree(values[j]) <= limit
     ]  # fmt: skip
-    if not highest > 1 or len(pairs) > PAIRS:
+    if not highest > 1 or len(places) > PAIRS:
         return frame
-    found = [each for family in _families(pairs, values) for each in _null_space(family)]
-    return replace(frame, identities=tuple(found))
+    found = [each for family in _families(places, values) for each in _null_space(family)]
+    return replace(frame, identities=tuple(found)) if len(found) <= MOST else frame
 
 
 def _values(frame: Frame, point: Sequence[Fraction] | None) -> dict[int, Polynomial]:

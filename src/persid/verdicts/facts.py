@@ -14,7 +14,7 @@ from persid.errors import RejectedError, RoundingError
 from persid.lyapunov import decay
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.frame import Frame
-from persid.lyapunov.identities import with_identities
+from persid.lyapunov.identities import Pairs, with_identities
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import points_of
@@ -39,6 +39,7 @@ SLOWEST = 1 / 2048  # share of the linearisation's rate at which a region is sou
 FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
 KEPT = 0.98  # share of the volume that a faster rate has to leave
 COARSE = 20  # bits of coordinates
+PAIRS: tuple[Pairs, Pairs] = ("states", "degree")
 SEARCHING = 0.7  # share of the time for the widths of strips
 
 
@@ -59,8 +60,14 @@ def with_slopes(setting: Setting, frame: Frame) -> Frame:
 
 def with_products(setting: Setting, frame: Frame) -> list[Frame]:
     """Return the frame with identities of polynomials: of a state and a function, then of two functions, too."""
-    first, more = (with_identities(frame, setting.point, squares=squares) for squares in (False, True))
+    first, more = (with_identities(frame, setting.point, pairs) for pairs in PAIRS)
     return [each for each in (first, more) if each.identities][: 1 + (len(more.identities) > len(first.identities))]
+
+
+def on_strips(setting: Setting, frame: Frame) -> list[Frame]:
+    """Return the frames in which a region is sought, in their order: with all identities, then without any."""
+    known = with_identities(frame, setting.point, "all")
+    return [known, frame] if known.identities else [frame]
 
 
 def has_zero_rows(frame: Frame) -> bool:

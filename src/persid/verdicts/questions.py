@@ -20,7 +20,16 @@ from persid.models.outputs import OutputModel
 from persid.networks.certificate import NetworkCertificate, NetworkObstruction, certify_network
 from persid.verdicts import failures as words
 from persid.verdicts.evidence import simulated
-from persid.verdicts.facts import About, by_facts, by_strips, frame_of, has_zero_rows, with_products, with_slopes
+from persid.verdicts.facts import (
+    About,
+    by_facts,
+    by_strips,
+    frame_of,
+    has_zero_rows,
+    on_strips,
+    with_products,
+    with_slopes,
+)
 from persid.verdicts.failures import Failure, stopped
 from persid.verdicts.log import ALL_STATES, Log
 from persid.verdicts.margins import MARGIN_STATES, residual_margin
@@ -343,7 +352,10 @@ def _by_strips(asked: Question, points: tuple[OperatingPoint, ...], log: Log) ->
     for k, point in enumerate(points):
         with log.attempt("region of strips, their widths chosen for its volume") as outcome:
             setting = Setting.of(asked.model, point)
-            answer = by_strips(About.of(setting), frame_of(setting), asked.rate, asked.each, log, asked.outputs)
+            for frame in on_strips(setting, frame_of(setting)):
+                answer = by_strips(About.of(setting), frame, asked.rate, asked.each, log, asked.outputs)
+                if isinstance(answer, Certificate) or log.left() <= 0:
+                    break
             outcome.append(_word(answer))
         if isinstance(answer, Certificate):
             return Certified(answer, tuple(log.attempts))
