@@ -206,7 +206,7 @@ class _Search:
         for k in chosen:
             self._doubt(linear[k], stable[k])
         self._race([stable[k] for k in chosen], self._sizes())
-        while self.question.order is None and self._climbs(linear):
+        while self.question.order is None and (self._climbs(linear) or (self._is_coarse() and self._climbs(linear))):
             pass
         best, group, k = self._best()
         for _ in range(2):
@@ -291,6 +291,10 @@ class _Search:
         self._doubt(found, stable)
         self._race([stable], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
         return self._best()[0].held_out < BETTER * best.held_out
+
+    def _is_coarse(self) -> bool:
+        """Whether it is worth while to try two states more where one does not help: poles come in pairs."""
+        return self._best()[0].held_out > selection.FAIR
 
     def _grows(self) -> bool:
         """Try one neuron more beside those of the best candidate; whether that lowered the held-out error notably."""

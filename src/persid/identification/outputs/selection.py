@@ -21,6 +21,7 @@ KEPT = 0.75  # of every record is fitted while choosing
 SELECTED = 4000  # samples on which choices are made, at most
 LINEAR_STARTS, LINEAR_STEPS = 3, 60
 ORDERS = 6  # tried at most
+FAIR = 0.02  # held-out error, in units of the spread, below which a pair of states more is not tried
 BETTER = 0.97  # a larger or freer model has to lower the held-out error to this share
 RUNGS = ((25, 12), (50, 4), (100, 1))  # steps, and how many candidates go on
 SHARE = 3  # one in so many goes on, at most
