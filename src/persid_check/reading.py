@@ -207,9 +207,9 @@ def read_written(form: Any, *, discrete: bool = False, algebraic: bool = False) 
     return model_of(form, discrete=discrete, algebraic=algebraic)
 
 
-def read_model(form: object, *, discrete: bool = False) -> Model:
+def read_model(form: object, *, discrete: bool = False, algebraic: bool = False) -> Model:
     """Return such a model, of a size that a file of version 1 may have."""
-    model = read_written(form, discrete=discrete)
+    model = read_written(form, discrete=discrete, algebraic=algebraic)
     if model.n + len(model.channels) > MAX_ENTRIES:
         raise FormatError("model", f"more than {MAX_ENTRIES} states and channels")
     return model

@@ -43,5 +43,6 @@ def read_subject(data: Stated, fields: Sequence[str]) -> Subject:
         FormatError: anything is not as specified; the message names the place.
     """
     stated = read_heading(data, fields)
-    model = read_model(data["model"], discrete=data["claim"] == "refuted")
+    refuted = data["claim"] == "refuted"
+    model = read_model(data["model"], discrete=refuted, algebraic=refuted)
     return Subject(data["claim"], stated, data["model"], model, groups_of(model))

@@ -12,6 +12,7 @@ import pytest
 import persid as ps
 from checker.ledgers import data, number
 from descriptors import loop, network
+from persid.certificates.encoding import heading
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
 from persid_check import Accepted, FormatError, Malformed, Rejected, check, model_sha256
@@ -183,3 +184,54 @@ def test_values_of_functions_in_V_are_refused_before_anything_is_assembled() -> 
     answer = check(data(content))
     assert isinstance(answer, Rejected)
     assert "P is over the states" in answer.why
+
+
+def _refuted(model: ps.DescriptorModel, witness: Content) -> bytes:
+    """The file of a refutation without an input."""
+    return data({**heading(model, "refuted", "It is not stable."), "u": [[0, 0]], "witness": witness})
+
+
+def _place(*x: int) -> Content:
+    return {"x": [[v, 0] for v in x], "radius": [0, 0]}
+
+
+def test_solutions_of_the_equations_at_one_state_refute_nothing() -> None:
+    """x' = -x with 0 = w - w^3 has three places of rest at x = 0, and its state is stable: the pair is refused."""
+    folded = ps.DescriptorModel(
+        [[-1.0, 0.0], [0.0, 1.0]], [("x**3", [[0.0, 1.0]], [[0.0], [-1.0]])], [[1.0], [0.0]], algebraic=["w"]
+    )
+    for other in (1, -1):
+        answer = check(_refuted(folded, {"kind": "two-equilibria", "points": [_place(0, 0), _place(0, other)]}))
+        assert isinstance(answer, Rejected)
+        assert "disjoint in the states" in answer.why
+    apart = {"kind": "two-equilibria", "points": [_place(0, 0), _place(1, 1)]}  # where it does not rest
+    assert isinstance(check(_refuted(folded, apart)), Rejected)
+
+
+@pytest.mark.parametrize(
+    "witness",
+    [
+        {"kind": "unstable-equilibrium", "point": _place(0, 0)},
+        {"kind": "unstable-linear-part"},
+        {"kind": "marginal-direction", "direction": [[1, 0], [0, 0]]},
+        {"kind": "cooperative-growth", "point": _place(0, 0), "start": [[0, 0], [1, 0]]},
+        {"kind": "invariant-line", "direction": [[0, 0], [1, 0]], "offset": [1, 0]},
+    ],
+    ids=lambda witness: witness["kind"],
+)
+def test_rows_that_are_equations_are_no_derivatives(witness: Content) -> None:
+    """x' = -x with 0 = w is stable, though w' = w would not be: every witness that says so is refused for its kind."""
+    model = ps.DescriptorModel([[-1.0, 0.0], [0.0, 1.0]], [], [[1.0], [0.0]], algebraic=["w"])
+    if witness["kind"].startswith("unstable"):
+        grows = {"S": [[[-1, 0]], [[0, 0], [1, 0]]], "sigma": [1, -1], "direction": [[0, 0], [1, 0]]}
+        witness = witness | grows | {"T": [[1], [0, 1]]}
+    answer = check(_refuted(model, witness))
+    assert isinstance(answer, Rejected)
+    assert answer.where == "witness.kind"
+
+
+def test_nothing_is_called_infeasible_of_a_model_with_equations() -> None:
+    """Obstructions know no equations: such a file is malformed."""
+    model = ps.DescriptorModel([[-1.0, 0.0], [0.0, 1.0]], [], [[1.0], [0.0]], algebraic=["w"])
+    content = heading(model, "infeasible", "None.") | {"family": "diagonal", "groups": [], "L": [[1], [1]], "proof": {}}
+    assert isinstance(check(data(content)), Malformed)

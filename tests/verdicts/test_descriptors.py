@@ -29,14 +29,20 @@ def test_a_loop_of_gain_below_1_is_certified(gain: float) -> None:
     assert keeps_its_bound(loop(gain), verdict.certificate)
 
 
-@pytest.mark.parametrize("f", ["tanh(x)", "sat(x)"])
-@pytest.mark.parametrize("gain", [1.01, 2.0])
+@pytest.mark.parametrize(("f", "gain"), [("tanh(x)", 1.01), ("tanh(x)", 2.0), ("sat(x)", 1.01)])
 def test_a_loop_of_gain_above_1_is_refused(f: str, gain: float) -> None:
     """Its equations have three solutions; the verdict says what is not proved."""
     verdict = ps.certify(loop(gain, f))
     assert isinstance(verdict, ps.Undecided)
     assert "exactly one solution" in verdict.detail
     assert len({round(float(loop(2.0, f).solve([0.0], near=[w])[0]), 6) for w in (-2.0, 0.0, 2.0)}) == 3
+
+
+def test_a_saturation_in_a_loop_of_gain_2_is_refuted_with_its_witness() -> None:
+    """With w = sat(x + 2w) and x' = -x - w it rests at x = -s, w = s for every s from -1 to 1."""
+    verdict = ps.certify(loop(2.0, "sat(x)"))
+    assert isinstance(verdict, ps.Refuted)
+    assert verdict.witness.kind == "two-equilibria"
 
 
 def test_a_saturation_in_a_loop_of_gain_below_1_is_certified() -> None:
@@ -166,3 +172,38 @@ def test_a_question_that_does_not_fit_is_refused() -> None:
         ps.certify(loop(0.5), domain=[[-1.0, 1.0]])
     with pytest.raises(ps.ModelError, match="operating_point"):
         ps.certify(loop(0.5), operating_point=[1.0, 2.0, 3.0])
+
+
+def _latch(gain: float, slope: float) -> ps.DescriptorModel:
+    """x' = -x + w + u, w = gain tanh(slope x): three equilibria where gain slope > 1, else one."""
+    return ps.DescriptorModel(
+        [[-1.0, 1.0], [0.0, -1.0]], [("tanh(x)", [[slope, 0.0]], [[0.0], [gain]])], [[1.0], [0.0]], algebraic=["w"]
+    )
+
+
+def test_two_states_of_rest_refute_a_model_with_equations() -> None:
+    """A latch rests at two states: the checker accepts the witness, for this model alone, and it may be saved."""
+    model = _latch(2.0, 1.0)
+    verdict = ps.certify(model)
+    assert isinstance(verdict, ps.Refuted)
+    assert verdict.witness.kind == "two-equilibria"
+    assert isinstance(ps.check(verdict.witness, model), ps.Accepted)
+    assert not isinstance(ps.check(verdict.witness, _latch(2.0, 0.5)), ps.Accepted)
+    x = np.array([point["x"][0][0] * 2.0 ** point["x"][0][1] for point in verdict.witness.content["witness"]["points"]])
+    for start in x:
+        run = model.simulate([start], np.linspace(0, 1, 5))[0]
+        assert np.abs(run.x[:, 0] - start).max() < 1e-6
+
+
+def test_a_latch_is_refuted_where_it_has_three_equilibria_and_never_else() -> None:
+    """Of random latches those of a loop gain above 1 are refuted, and those below it are certified."""
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        gain, slope = rng.uniform(0.3, 3, 2)
+        verdict = ps.certify(_latch(gain, slope))
+        assert isinstance(verdict, ps.Refuted if gain * slope > 1 else ps.Certified), (gain, slope)
+
+
+def test_a_region_of_a_latch_is_still_certified() -> None:
+    """Where all states are refuted a region that is asked for may be certified."""
+    assert ps.certify(_latch(2.0, 1.0), domain="auto").is_certified

@@ -20,6 +20,7 @@ from persid.certificates.acceptance import accepted
 from persid.certificates.encoding import encode, factor, heading
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.operating_points import OperatingPoint
+from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 
 
@@ -72,14 +73,25 @@ class _Candidate:
     sentence: str
 
 
-def find_witness(model: PersidskiiModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]) -> Witness | None:
+def find_witness(
+    model: PersidskiiModel | DescriptorModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]
+) -> Witness | None:
     """Return the first witness that the checker accepts, cheap ones first; `points` are proved equilibria at u."""
-    for make in _OF_STEPS if model.is_discrete else _KINDS:
-        for candidate in make(model, u, points):
-            proof = {"u": dyadics(u), "witness": {"kind": candidate.kind, **candidate.fields}}
-            with suppress(RejectedError):
-                return Witness.accept(encode({**heading(model, "refuted", candidate.sentence), **proof}))
+    for candidate in _candidates(model, u, points):
+        proof = {"u": dyadics(u), "witness": {"kind": candidate.kind, **candidate.fields}}
+        with suppress(RejectedError):
+            return Witness.accept(encode({**heading(model, "refuted", candidate.sentence), **proof}))
     return None
+
+
+def _candidates(
+    model: PersidskiiModel | DescriptorModel, u: ndarray, points: Sequence[OperatingPoint]
+) -> Iterator[_Candidate]:
+    if isinstance(model, DescriptorModel):  # rows that are equations have no other kind
+        yield from _two_equilibria(model.rows, u, points)
+        return
+    for make in _OF_STEPS if model.is_discrete else _KINDS:
+        yield from make(model, u, points)
 
 
 def _at(model: PersidskiiModel, u: ndarray) -> str:

@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
 from persid.certificates.facts import proved
+from persid.certificates.witness import find_witness
 from persid.errors import ModelError
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, vector
@@ -20,7 +21,7 @@ from persid.verdicts import failures as words
 from persid.verdicts.facts import About, by_facts, by_strips
 from persid.verdicts.failures import Failure
 from persid.verdicts.log import ALL_STATES, Log
-from persid.verdicts.verdict import Certified, Reason, Undecided
+from persid.verdicts.verdict import Certified, Reason, Refuted, Undecided, Verdict
 from persid_check.model import model_of
 
 
@@ -40,7 +41,7 @@ class Question:
     claim: str
 
 
-def decide(asked: Question, log: Log) -> Certified | Undecided:
+def decide(asked: Question, log: Log) -> Verdict:
     """Return the verdict on a model about the equilibrium nearest to where it is asked for."""
     model, u = asked.model, asked.u
     near = None if isinstance(asked.near, str) and asked.near == "auto" else _variables(model, asked.near, u)
@@ -50,15 +51,20 @@ def decide(asked: Question, log: Log) -> Certified | Undecided:
     if not points:
         return _undecided(Failure(Reason.OUTSIDE, words.NO_POINT), log)
     if asked.claim != "region":
-        return _global(asked, points[0], log)
+        return _global(asked, points, log)
     with log.share(ALL_STATES):
-        everywhere = _global(asked, points[0], log)
+        everywhere = _global(asked, points, log)
     return everywhere if isinstance(everywhere, Certified) else _region(asked, points, log)
 
 
-def _global(asked: Question, nearest: OperatingPoint, log: Log) -> Certified | Undecided:
+def _global(asked: Question, points: Sequence[OperatingPoint], log: Log) -> Verdict:
     """Return the verdict for all states."""
-    model = asked.model
+    model, nearest = asked.model, points[0]
+    with log.attempt("witnesses against stability") as outcome:
+        witness = find_witness(model, asked.u, points)
+        outcome.append("none" if witness is None else witness.kind)
+    if witness is not None:
+        return Refuted(witness, tuple(log.attempts))
     if missing := undefined(model.rows):
         return _undecided(Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4]))), log)
     point = None if is_reference(model.rows, nearest) else nearest

@@ -60,7 +60,7 @@ def refutation_steps(claim: Refutation) -> tuple[str, ...]:
 
 
 _WITNESS = {
-    "two-equilibria": "The balls are disjoint; under this input no point attracts both.",
+    "two-equilibria": "The balls are disjoint in the states; under this input no point attracts both.",
     "unstable-equilibrium": "J'S + S J - 2 sigma S > 0 for every Jacobian J about the ball, sigma >= 0, and e'Se > 0:"
     " (x - x*)'S(x - x*) grows from arbitrarily near x*, so x* is unstable.",
     "unstable-linear-part": "A0'S + S A0 - 2 sigma S > 0, sigma >= 0, e'Se > 0, and every other term is bounded:"
