@@ -42,6 +42,9 @@ def test_a_circuit_is_certified_and_foretells_its_node(folder: Path, capsys: pyt
     page = (folder / "out" / "report.html").read_text()
     assert "Proved stable, and it foretells" in page
     assert "its equations have exactly one solution" in page
+    (folder / "out" / "report.html").unlink()
+    assert cli.main(["report", "out"]) == 0
+    assert (folder / "out" / "report.html").read_text() == page
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,8 @@ from persid.measurements.trajectory import Trajectory
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 
+HELD = 0.2  # share of every run that is held out
+
 
 class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """Identify a model with algebraic variables from runs in which all variables are measured.
@@ -57,7 +59,7 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         pattern: object = None,
         constant: bool = False,
         hold: str = "zoh",
-        holdout: float | int = 0.2,
+        holdout: float | int = HELD,
     ) -> None:
         self.algebraic = algebraic
         self.functions = functions
@@ -78,7 +80,7 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         missing = [name for name in self.algebraic if name not in data.states]
         if missing or not 0 < len(self.algebraic) < len(data.states):
             raise DataError(f"algebraic is {list(self.algebraic)}; needed are some of {list(data.states)}, not all")
-        fitted, held = _parted(data, float(self.holdout))
+        fitted, held = beginnings_and_ends(data, float(self.holdout))
         usual: Json = {
             "functions": self.functions,
             "ridge": self.ridge,
@@ -104,8 +106,12 @@ class DescriptorIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         return allowed if own else allowed & ~np.eye(N, dtype=bool)
 
 
-def _parted(data: Trajectories, share: float) -> tuple[Trajectories, Trajectories]:
-    """Return the beginnings of all runs, and their ends."""
+def beginnings_and_ends(data: Trajectories, share: float = HELD) -> tuple[Trajectories, Trajectories]:
+    """Return the beginnings of all runs, and their ends, `share` of each.
+
+    Raises:
+        DataError: it is no share.
+    """
     if not 0 <= share < 1:
         raise DataError(f"holdout is {share}; needed is a share of every run, from 0 to below 1")
     ends = [len(run) - int(share * len(run)) for run in data]

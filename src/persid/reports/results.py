@@ -8,6 +8,7 @@ from pathlib import Path
 from persid._files import Json
 from persid.errors import FolderError
 from persid.identification.derivatives import embedded
+from persid.identification.descriptors import beginnings_and_ends
 from persid.identification.scores import Scores, hold_out
 from persid.measurements.readers import read_measurements
 from persid.measurements.readers.sources import sha256
@@ -78,18 +79,21 @@ def read_results(folder: Path) -> Results:
     if not (folder / MODEL).is_file():
         raise FolderError(f"{folder}: there is no {MODEL}; give the folder that persid run has written (-o)")
     model = load_model(folder / MODEL)
-    if isinstance(model, DescriptorModel):
-        raise FolderError(
-            f"{folder}: {MODEL} has algebraic variables, whose report persid run has written; run it again for another"
-        )
     record = Record.load(folder)
     verdict = read_verdict(folder, model, record.attempts if record else ())
     if record is None:
         return Results(model, verdict, None, None)
     inputs = (model.dynamics if isinstance(model, OutputModel) else model).inputs
     data = _read_again(record.sources, record.reading, inputs)
-    held = _read_again(record.test, record.reading, inputs) if record.test else held_out(data, record.scores)
+    held = _read_again(record.test, record.reading, inputs) if record.test else _held_again(model, data, record)
     return Results(model, verdict, data, record, held)
+
+
+def _held_again(model: object, data: Trajectories | None, record: Record) -> Trajectories | None:
+    """Return what the fit of a model has held out of its data."""
+    if isinstance(model, DescriptorModel):
+        return None if data is None else beginnings_and_ends(data)[1]
+    return held_out(data, record.scores)
 
 
 def _read_again(sources: Sequence[Source], reading: Json, inputs: Sequence[str]) -> Trajectories | None:

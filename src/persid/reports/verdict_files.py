@@ -47,7 +47,9 @@ def write_verdict(folder: Path, verdict: Verdict, model: PersidskiiModel | Outpu
     return WITNESS
 
 
-def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: tuple[Attempt, ...]) -> Verdict:
+def read_verdict(
+    folder: Path, model: PersidskiiModel | OutputModel | DescriptorModel, attempts: tuple[Attempt, ...]
+) -> Verdict:
     """Return the verdict whose file stands in a folder.
 
     Raises:
@@ -73,7 +75,7 @@ def read_verdict(folder: Path, model: PersidskiiModel | OutputModel, attempts: t
         raise FolderError(f"{folder / OBSTRUCTION}: {error} is missing or unknown") from None
 
 
-def _margin(folder: Path, model: PersidskiiModel | OutputModel) -> Margin | None:
+def _margin(folder: Path, model: PersidskiiModel | OutputModel | DescriptorModel) -> Margin | None:
     """Return the residual margin that stands beside a certificate, its certificate checked again; None without one."""
     if not (folder / PLANTS).is_file() or not (folder / MARGIN).is_file():
         return None
@@ -89,7 +91,7 @@ def _margin(folder: Path, model: PersidskiiModel | OutputModel) -> Margin | None
 Proof = TypeVar("Proof", Certificate | NetworkCertificate, Certificate, Witness, Obstruction | NetworkObstruction)
 
 
-def _proof(path: Path, model: PersidskiiModel | OutputModel, read: Callable[[Path], Proof]) -> Proof:
+def _proof(path: Path, model: PersidskiiModel | OutputModel | DescriptorModel, read: Callable[[Path], Proof]) -> Proof:
     """Return a proof that the checker accepts and that speaks of this model."""
     try:
         proof = read(path)
