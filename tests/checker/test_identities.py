@@ -159,6 +159,22 @@ def test_a_list_that_is_not_as_specified_is_malformed(name: str) -> None:
     assert isinstance(check(data(content)), Malformed)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "degree"), [(6, 8), (12, 16), (30, 4)])
+def test_the_work_of_an_expansion_is_limited(n: int, degree: int) -> None:
+    """Forty powers of long rows, each with each: refused for its steps, in seconds, whatever the degree."""
+    R = [[1.1 + i / 8 + c / 7 for i in range(n)] for c in range(40)]
+    model = quadratic((-np.eye(n)).tolist(), {(0, 0, 0): 1.0}) | {"terms": [
+        {"f": f"x**{degree}", "R": R, "A": [[0.0] * 40] * n}
+    ]}  # fmt: skip
+    pairs = [(n + i, n + j, 1) for i in range(40) for j in range(i + 1)]
+    ledger = read_ledger(json.loads(data(known(model, np.eye(n).tolist(), pairs))))
+    started = time.process_time()
+    with pytest.raises(NotProvedError, match="too many steps"), limited(4 * 10**6):
+        prove_identity(ledger)
+    assert time.process_time() - started < 40
+
+
 def test_steps_have_no_identity() -> None:
     """In discrete time a list, even an empty form, is refused."""
     content = copy.deepcopy(identities.rated())
