@@ -14,8 +14,8 @@ from persid_check.memory import Question, answers
 from persid_check.results import NotProvedError
 
 BASE_STEPS = 5 * 10**6  # that the proofs of a file may take, and more for each of its groups of channels
-GROUP_STEPS = 10**5
-BYTE_STEPS = 20  # of the share of its groups, for each byte of the file
+GROUP_STEPS = 5 * 10**5
+BYTE_STEPS = 100  # of the share of its groups, for each byte of the file
 
 _Key = ParamSpec("_Key")
 _Answer = TypeVar("_Answer")

@@ -28,7 +28,7 @@ from persid_check.memory import Question
 from persid_check.networks import certificate as of_networks
 from persid_check.networks.members import Members
 from persid_check.results import NotProvedError
-from persid_check.work import limited
+from persid_check.work import BYTE_STEPS, GROUP_STEPS, limited
 
 PRIME = 2**61 - 1  # Python's numbers hash modulo it
 SECONDS = 30  # of the processor of a busy machine, for files of half a megabyte at most, which took minutes
@@ -116,6 +116,22 @@ def test_long_monomials_count_as_such() -> None:
     with pytest.raises(NotProvedError, match="too many steps"), limited(MOST_STEPS):
         prove_identity(ledger)
     assert process_time() - begun < SECONDS / 6
+
+
+def test_many_kinds_with_long_expansions_are_within_the_limit() -> None:
+    """Networks of a thousand different softplus take a few thousand steps for each kind, which its bytes allow."""
+    form, rest = [[0.0, 1.0], [1.0, -1.0]], [[0.0]] * 8
+    A0 = [[-9.0 * (i == j) for j in range(8)] for i in range(8)]
+    R, A = ([[a * (i == j) for j in range(8)] for i in range(8)] for a in (1.0, -0.1))
+    R = [[R[i][j] * (0.5 + i / 128) for j in range(8)] for i in range(8)]
+    kinds = [([("softplus(x)", 0.5 + i / 128)], form) for i in range(8)]
+    content = network_file(network_model(A0, [("softplus(x)", R, A)], rest), kinds, [1.0] * 8, 1.0, every=True)
+    claim = of_networks.read_network(content)
+    with limited(10**6) as account:
+        of_networks.prove_network(claim)
+    kind = len(json.dumps(content["kinds"][0], separators=(",", ":")))
+    assert 8 * kind * BYTE_STEPS + GROUP_STEPS > account.spent > 10_000
+    assert account.spent < 8 * GROUP_STEPS / 10
 
 
 def test_kinds_that_no_node_has_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
