@@ -68,6 +68,16 @@ def test_a_first_dual_matrix_is_not_pulled_onto_the_edge() -> None:
     assert ps.certify(model).is_certified
 
 
+@pytest.mark.parametrize("time", [{}, {"time": "discrete", "dt": 0.1}])
+def test_a_model_without_inputs_has_a_rate_and_no_gain(time: dict[str, Any]) -> None:
+    """Where nothing acts there is no gain to make small; the rate is that of a model with inputs."""
+    alone = ps.PersidskiiModel([[-0.5]], [("tanh(x)", None, [[-0.1]])], **time)
+    driven = ps.PersidskiiModel([[-0.5]], [("tanh(x)", None, [[-0.1]])], [[1.0]], **time)
+    verdicts = [ps.certify(model) for model in (alone, driven)]
+    assert all(isinstance(verdict, ps.Certified) for verdict in verdicts)
+    assert verdicts[0].best_rate == pytest.approx(verdicts[1].best_rate, rel=0.02)
+
+
 def test_a_function_that_is_tiny_at_the_operating_point_is_no_exception() -> None:
     """About x = -370, softplus(2 x) is of the size 1e-321: units do not overflow."""
     terms = [("softplus(x)", [[2.0]], [[-0.5]]), ("deadzone(x)", [[0.5]], [[0.5]])]

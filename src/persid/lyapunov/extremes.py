@@ -42,6 +42,7 @@ class Extreme:
 def largest(
     whole: Catalogue,
     families: Sequence[Family],
+    *,
     fixed: Label,
     N: Float[ndarray, "N N"],
     numbers: Multipliers,

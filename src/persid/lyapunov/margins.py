@@ -171,5 +171,5 @@ def largest_margin(question: Question, residuals: Residuals, kappa: float, left:
     scaled = C * whole.weights[: system.entries]
     N[: system.entries, : system.entries] = scaled.T @ scaled / whole.size("s", 0)
     numbers = replace(unknowns.multipliers(start.solution.y), s=np.array([s]))
-    found = largest(whole, unknowns.families, ("s", 0), N, numbers, delta2, left)
+    found = largest(whole, unknowns.families, fixed=("s", 0), N=N, numbers=numbers, t=delta2, left=left)
     return 0.0 if found is None else float(np.sqrt(found.t))

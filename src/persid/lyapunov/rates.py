@@ -95,8 +95,8 @@ def smallest_gain(question: Question, rate: float, start: Outcome, left: Callabl
     The search for any gain at this rate begins with the forms of `start`; without time that is what is returned.
     """
     any_gain = start if kappa(start) == rate else question.ask(rate, None, start, left)
-    if any_gain is None:
-        return None
+    if any_gain is None or not question.system.B.shape[1]:  # without inputs no gain
+        return any_gain
     ratio, p = attained(question, any_gain)
     families = any_gain.assembly.unknowns.families
     target = Target(rate, 0.0, question.shape, question.upper, question.lower, question.deviations)
@@ -105,7 +105,9 @@ def smallest_gain(question: Question, rate: float, start: Outcome, left: Callabl
     N = np.zeros((whole.width, whole.width))
     N[inputs, inputs] = np.diag(whole.weights[inputs] ** 2 / whole.size("p"))
     numbers = replace(any_gain.assembly.unknowns.multipliers(any_gain.solution.y), p=0.5 * p)
-    found = largest(whole, families, ("p",), N, numbers, -4 * ratio, left) if np.isfinite(ratio) else None
+    if not np.isfinite(ratio):
+        return any_gain
+    found = largest(whole, families, fixed=("p",), N=N, numbers=numbers, t=-4 * ratio, left=left)
     if found is None:
         return any_gain
     unknowns = found.outcome.assembly.unknowns

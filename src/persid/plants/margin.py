@@ -158,7 +158,7 @@ def plant_margin(
     """
     free = getattr(fit, "free_", fit)
     window = free.window_ if free.instruments == (instruments and noise == "random") else None
-    asked = Reading(free.hold, window, confidence, instruments, noise, bound, time_limit)
+    asked = Reading(free.hold, window, confidence, instruments, noise, bound, time_limit=time_limit)
     return margin_of(verdict, free._known(data), asked)
 
 

@@ -309,8 +309,9 @@ def grown(group: Group, k: int, hardens: bool) -> Group:
     seen = moments(latent, before.pieces, group.fit.start[one], before.substeps)
     seeds = range(first, first + GROWN)
     parameters, batch = starts.grown(
-        before.parameters, group.fit.batch[one], seen.mean, seen.cov, seeds, hardens, group.freedom
-    )
+        before.parameters, group.fit.batch[one], mean=seen.mean, cov=seen.cov, seeds=seeds, hardens=hardens,
+        freedom=group.freedom,
+    )  # fmt: skip
     count = len(batch.w)
     weights = np.full(count, before.ridge[k].max(initial=0.0))
     task = replace(before, parameters=parameters, ridge=ridge_of(parameters.latent(batch)[0], weights))

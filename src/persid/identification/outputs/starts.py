@@ -121,9 +121,15 @@ def stable_batch(latent: Latent, freedom: Freedom, kappa: float = 0.0) -> tuple[
 
 
 def grown(
-    parameters: Free | Stable, batch: Batch, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"],
-    seeds: Sequence[int], hardens: bool, freedom: Freedom,
-) -> tuple[Free | Stable, Batch]:  # fmt: skip
+    parameters: Free | Stable,
+    batch: Batch,
+    *,
+    mean: Float[ndarray, " n"],
+    cov: Float[ndarray, "n n"],
+    seeds: Sequence[int],
+    hardens: bool,
+    freedom: Freedom,
+) -> tuple[Free | Stable, Batch]:
     """Return one fitted point with one more random neuron of no effect, for every seed with less and more room for it.
 
     It is the first where it hardens, else the last. Its row has length 1 where the states, of this mean and covariance,
