@@ -25,9 +25,10 @@ from persid.lyapunov.search import JOINING, Outcome, join
 from persid.lyapunov.system import Family, Multipliers
 from persid.lyapunov.unknowns import Label
 
-CLOSE = 0.005  # distance of t from its bound, relative, at which the unknowns that take part have done what they can
-SMALL = 0.003  # relative rise of t between two such places, below which no more unknowns join
+CLOSE = 0.003  # distance of t from its bound, relative, at which the unknowns that take part have done what they can
+SMALL, PATIENCE = 0.003, 3  # relative rise of t between two such places that is small; after so many it ends
 FALL = 0.1  # share to which mu falls before unknowns join
+BACK = 0.1  # relative fall of t with which the way goes on when unknowns join there
 ROUNDS = 40
 
 
@@ -60,14 +61,16 @@ def largest(
         state = central_iterate(_towards(assembly, fixed, N), assembly.problem.arrays.put(y / y[place]), t)
     except sla.LinAlgError:
         return None
-    steps, rounds, reached = 0, 0, -np.inf
+    steps, rounds, idle, reached, best = 0, 0, 0, -np.inf, (assembly, state)
     while rounds < ROUNDS:
-        state, taken = maximise(state, close=CLOSE if reached == -np.inf else 0.0, fall=FALL, left=left)
+        state, taken = maximise(state, close=CLOSE, fall=FALL, left=left)
         steps, rounds = steps + taken, rounds + 1
-        settled = state.gap < CLOSE * abs(state.t)
-        if not taken or (settled and state.t - reached <= SMALL * abs(state.t)):
+        settled = not taken or state.gap < CLOSE * abs(state.t)
+        best = (assembly, state) if state.t > best[1].t else best
+        idle += settled and state.t - reached <= SMALL * abs(state.t)
+        if left() <= 0 or idle == PATIENCE:
             break
-        reached = state.t if settled else reached
+        reached = max(reached, state.t) if settled else reached
         X = congruent(assembly.problem.C, assembly.problem.arrays.get(state.X))
         grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING)))
         larger = whole.assembly(grown)
@@ -75,9 +78,13 @@ def largest(
         if settled and (places >= 0).all():
             break
         try:
-            state, assembly = resumed(_towards(larger, fixed, N), state, places), larger
+            state = resumed(_towards(larger, fixed, N), state, places)
+            if settled:  # near the boundary steps are short: some way back, and central again
+                state = central_iterate(state.problem, state.y, state.t - BACK * abs(state.t))
+            assembly = larger
         except sla.LinAlgError:
             break
+    assembly, state = best
     solution = Solution(Status.FEASIBLE, state, None, assembly.problem.C, 0.0, ("",) * (steps + 1))
     return Extreme(state.t, Outcome(assembly, solution, rounds, steps))
 
