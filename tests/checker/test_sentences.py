@@ -1,23 +1,28 @@
 """Every sentence that the checker prints, each with an example at the edge of what it says."""
 
 import ast
+import copy
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from checker import named
+from checker import known_ledgers, named
 from checker.known_steps import steps_model
 from checker.maker import Wanted, data, dyadic, file, make, model
+from checker.test_algebraic import _content as with_equations
+from checker.test_algebraic_regions import _content as fold_region
 from checker.test_network import file as network_file
 from checker.test_network import model as network_model
 from persid_check import Accepted, Rejected, canonical_model, check, model_sha256, words
+from persid_check.ledger import sentences as of_ledgers
 from persid_check.networks import sentences as of_networks
 from persid_check.refutations import sentences as of_refutations
 from persid_check.version_1 import sentences as of_version_1
 
 HALF = Fraction(1, 2)
+KINDS = ast.FunctionDef | ast.ClassDef | ast.Module  # what has a docstring
 
 
 def region(*, b: float, radius: Fraction, level: Fraction, ubar: Fraction, side: float = 1.0) -> dict[str, Any]:
@@ -265,13 +270,21 @@ def corpus() -> str:
     return "\n".join([*("The model with " + said(content) for content in found), answer(network_members()).statement])
 
 
+def ledgers_corpus() -> str:
+    """All that accepted ledgers print: the known ones, with equations, and a region of more strips than are printed."""
+    many = copy.deepcopy(known_ledgers.load("region"))
+    many["strips"] += [[[[0, [1, 0]]], [-9, 0], [9, 0]]] * 13
+    found = [*map(known_ledgers.load, known_ledgers.NAMES), many, with_equations(), fold_region()]
+    return "\n".join(line for result in map(answer, found) for line in (result.statement, *result.steps))
+
+
 @pytest.mark.parametrize(
-    "module", [words, of_version_1, of_networks, of_refutations], ids=lambda module: module.__name__
+    "module", [words, of_version_1, of_networks, of_refutations, of_ledgers], ids=lambda module: module.__name__
 )
 def test_every_text_of_the_sentences_is_printed_by_an_example(module) -> None:
     """Each piece of text in the modules that word the sentences stands in what these examples print."""
     nodes = list(ast.walk(ast.parse(Path(module.__file__).read_text())))
-    docs = {ast.get_docstring(node, clean=False) for node in nodes if isinstance(node, ast.FunctionDef | ast.Module)}
+    docs = {ast.get_docstring(node, clean=False) for node in nodes if isinstance(node, KINDS)}
     texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-    printed = corpus().lower()
+    printed = (corpus() if module is not of_ledgers else ledgers_corpus()).lower()
     assert not [text for text in texts - docs if len(text.split()) > 2 and text.lower() not in printed]
