@@ -99,12 +99,21 @@ class Problem:
         return np.concatenate([self.S.toarray(), self.H]) if small else None
 
     @cached_property
+    def _sides(self) -> tuple[Float[ndarray, "K N"], Float[ndarray, "K N"]] | None:
+        """The rows d_p and d_q of all pairs of a small problem of the host; else None.
+
+        A price is small where M d_q is, and the rounding of a formed F would be larger.
+        """
+        return None if self._dense is None else (self._dense[self.p], self._dense[self.q])
+
+    @cached_property
     def _formed(self) -> Float[ndarray, "J NN"] | None:
         """All F of a small problem of the host, a line each; else None."""
-        N, J, D = self.order, len(self.cost), self._dense
-        if D is None:
+        N, J = self.order, len(self.cost)
+        if self._sides is None:
             return None
-        half = (D[self.p, :, None] * D[self.q, None, :]).reshape(len(self.p), N * N)
+        left, right = self._sides
+        half = (left[:, :, None] * right[:, None, :]).reshape(len(left), N * N)
         half = half if self.tie is None else self.tie.T @ half
         F = half.reshape(J, N, N)
         return np.ascontiguousarray(F + F.transpose(0, 2, 1)).reshape(J, N * N)
@@ -191,10 +200,12 @@ def sandwich(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, "r r"]:
 
 def pairings(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:
     """Return <F_k, M> for every unknown, M symmetric."""
-    if problem._formed is not None:
-        return problem._formed @ M.reshape(-1)
-    place, sums = problem._entries
-    products = 2 * (sums @ _taken(problem, _product(problem, M), place))
+    if problem._sides is not None:
+        left, right = problem._sides
+        products = 2 * ((left @ M) * right).sum(axis=1)
+    else:
+        place, sums = problem._entries
+        products = 2 * (sums @ _taken(problem, _product(problem, M), place))
     return products if problem.tie is None else problem._ties[1] @ products
 
 
