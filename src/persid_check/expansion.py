@@ -96,10 +96,7 @@ class Horizon:
 
 
 class Expansion:
-    """A sum of terms, leading term first, on a horizon; no term at all is the function 0.
-
-    It takes two steps to make one, and two more for each term that is added up.
-    """
+    """A sum of terms, leading one first, on a horizon; without terms 0. It takes 2 steps, and 2 a term."""
 
     __slots__ = ("horizon", "terms")
 

@@ -109,7 +109,7 @@ def test_of_what_cannot_be_told_apart_a_part_is_certified() -> None:
 def test_bounded_noise_needs_no_statistics() -> None:
     """With bounded noise the known plant obeys what the linear programmes leave, which shrinks with the bound."""
     wide, narrow = (
-        ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=bound) for bound in (0.02, 0.005)
+        ps.plant_margin(_fit(), _verdict(), _data(), noise="bounded", bound=bound) for bound in (0.03, 0.005)
     )
     assert 0 <= narrow.epsilon < wide.epsilon
     assert "noise within the given bounds" in str(wide)
@@ -157,7 +157,7 @@ def test_the_command_line_takes_bounds_of_the_noise(tmp_path: Path, capsys: pyte
     words = ["certify", str(tmp_path / "m.json"), "-o", str(tmp_path / "c.json"), "--json"]
     said = {}
     models = tmp_path / "models.json"
-    for noise, more in (("random", []), ("bounded", ["--bound", "0.02,0.02"])):
+    for noise, more in (("random", []), ("bounded", ["--bound", "0.03,0.03"])):
         assert cli.main([*words, "--plant", str(tmp_path / "run.csv"), "--models", str(models), *more]) == 0
         said[noise] = json.loads(capsys.readouterr().out)["plant"]
         assert said[noise]["noise"] == noise

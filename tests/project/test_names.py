@@ -4,10 +4,10 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import persid as ps
+from places import ROOT
 
 MOST = 6
-SOURCES = Path(ps.__file__).parent.parent
+SOURCES = ROOT / "src"
 
 
 def too_many(text: str) -> Iterator[str]:
