@@ -116,7 +116,7 @@ def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m
 
 
 def residual(
-    model: PersidskiiModel, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None
+    model: PersidskiiModel, x: Float[ndarray, "*N n"], u: Float[ndarray, "*M m"] | None = None
 ) -> Float[ndarray, "*N n"]:
     """Return what vanishes exactly where the model rests: x', or x+ - x in discrete time."""
     return model.rhs(x, u) - x if model.is_discrete else model.rhs(x, u)

@@ -201,8 +201,8 @@ class PersidskiiModel:
             dt=self.dt,
         )
 
-    def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*N m"] | None = None) -> Float[ndarray, "*N n"]:
-        """Return x' in state units per s, for one state (n,) or many (N, n); u = None means u_ref.
+    def rhs(self, x: Float[ndarray, "*N n"], u: Float[ndarray, "*M m"] | None = None) -> Float[ndarray, "*N n"]:
+        """Return x' in state units per s, for one state (n,) or many (N, n); u is one for each, or one for all: u_ref.
 
         In discrete time it is the state after one step, in state units.
         """
