@@ -16,7 +16,7 @@ from descriptors import fold
 from persid.certificates.facts import proved
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
-from persid.lyapunov.frame import Frame
+from persid.lyapunov.frame import Frame, Strip
 from persid.lyapunov.points import points_of
 from persid.lyapunov.proposals import feasible
 from persid.lyapunov.solvability import solved
@@ -32,12 +32,16 @@ ONE, ZERO = [1, 0], [0, 0]
 ONE_HALF = Fraction(1, 2)
 
 
+SUM: tuple[Strip, ...] = (({0: Fraction(1), 1: Fraction(1)}, Fraction(-3, 2), Fraction(3, 2)),)  # |x + w| < 3/2
+
+
 @cache
-def _written(width: float = 0.5) -> str:
-    """A region of the fold on a strip of w."""
+def _written(strips: tuple[tuple[Any, ...], ...] = ()) -> str:
+    """A region of the fold on a strip of w, with more strips whose rows are pairs."""
     model, log = fold(), Log(60.0, lambda line: None)
-    points = tuple(proved(point.on((-width, width))) for point in points_of(model.rows, None))
-    frame = solved(Frame(model_of(model.canonical, algebraic=True), points, False), log.left)
+    points = tuple(proved(point.on((-0.5, 0.5))) for point in points_of(model.rows, None))
+    sides = tuple((dict(row), lo, hi) for row, lo, hi in strips)
+    frame = solved(Frame(model_of(model.canonical, algebraic=True), points, False, strips=sides), log.left)
     assert frame is not None
     candidate = feasible(frame, Fraction(1, 4), log.left, across=False)
     assert candidate is not None
@@ -46,8 +50,8 @@ def _written(width: float = 0.5) -> str:
     return json.dumps(found.content)
 
 
-def _content() -> Content:
-    return dict(json.loads(_written()))
+def _content(strips: tuple[Strip, ...] = ()) -> Content:
+    return dict(json.loads(_written(tuple((tuple(row.items()), lo, hi) for row, lo, hi in strips))))
 
 
 def exact(pair: list[int]) -> Fraction:
@@ -145,6 +149,39 @@ def test_a_forged_ledger_is_refused(name: str) -> None:
         value = [*content["points"], {**content["points"][0], "densities": []}]
     answer = check(data(_with(content, path, value)))
     assert isinstance(answer, expected), answer
+
+
+def test_a_strip_of_an_algebraic_variable_has_a_bound_of_its_own() -> None:
+    """With |x + w| <= 3/2 beside |w| <= 1/2 there are two bounds, and the sentence names both strips."""
+    content = _content(SUM)
+    answer = check(data(content))
+    assert isinstance(answer, Accepted), answer
+    assert len(content["algebraic"]["bounds"]) == 2
+    assert "-0.5 <= ('w' - 'w'*) <= 0.5 and -1.5 <= (x1 - x1*) + ('w' - 'w'*) <= 1.5" in answer.statement
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("strips",), [[[[0, ONE], [1, ONE]], [-1, -2], [3, -1]]]),  # narrower than what is proved
+        (("strips",), [[[[0, ONE], [1, ONE]], [-3, -1], [1, -2]]]),
+        (("strips",), [[[[0, ONE], [1, ONE]], [3, -1], [3, 0]]]),  # not about the equilibrium, though h^2 is the same
+        (("strips",), [[[[0, ONE], [1, ONE]], [-3, 0], [-3, -1]]]),
+        (("strips",), [[[[0, ONE], [1, [1, 3]]], [-3, -1], [3, -1]]]),  # another row
+        (("strips",), [[[[0, ONE], [1, ONE]], [-3, -1], [3, -1]]] * 2),  # more strips than bounds
+        (("algebraic", "bounds", 1, "alpha"), [1, -9]),
+        (("algebraic", "bounds", 1, "equations"), [[]]),
+        (("level",), [1, 8]),
+    ],
+)
+def test_a_forged_strip_of_an_algebraic_variable_is_refused(path: tuple[Any, ...], value: Any) -> None:
+    """Whatever stands in place of the strip, or of its bound."""
+    assert isinstance(check(data(_with(_content(SUM), path, value))), Rejected)
+
+
+def test_a_bound_of_no_strip_is_refused() -> None:
+    """There are as many bounds as strips that read algebraic variables."""
+    assert isinstance(check(data({**_content(SUM), "strips": []})), Rejected)
 
 
 def test_one_signed_facts_do_not_go_on_along_chords() -> None:

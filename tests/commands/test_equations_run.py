@@ -47,6 +47,22 @@ def test_a_circuit_is_certified_and_foretells_its_node(folder: Path, capsys: pyt
     assert (folder / "out" / "report.html").read_text() == page
 
 
+def test_a_region_in_the_box_of_the_data_is_certified_and_reported(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With --domain data, by `run` and by `certify`: the page says so and names the sides."""
+    assert cli.main(["run", "one.csv", *FIT, "--domain", "data", "-o", "out", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scope"] == "regional"
+    page = (folder / "out" / "report.html").read_text()
+    assert "Proved stable in a region" in page
+    assert "Of solutions of the equations outside the strips" in page
+    certificate = ps.load_certificate("out/certificate.json")
+    assert len(certificate.content["strips"]) + len(certificate.content["points"]) >= 3  # one of each variable
+    assert cli.main(["certify", "out/model.json", "--domain", "data", "-o", "again.json", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scope"] == "regional"
+    assert isinstance(ps.check("again.json", "out/model.json"), ps.Accepted)
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

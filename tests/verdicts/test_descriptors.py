@@ -5,6 +5,7 @@ import pytest
 
 import persid as ps
 from descriptors import FOLD, bus, diode, drawn, fold, loop, network
+from persid.lyapunov.operating_points import find_operating_point
 
 
 def keeps_its_bound(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int = 0) -> bool:
@@ -106,7 +107,9 @@ def test_only_what_is_true_of_random_models_is_certified() -> None:
 def stays(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int, runs: int = 6) -> bool:
     """Whether runs from the edge of the region, with inputs as large as it allows, stay in it and on their branch."""
     rng, t = np.random.default_rng(seed), np.linspace(0, 20, 81)
-    domains = [(p["row"], certificate.content["curves"][p["curve"]]["domain"]) for p in certificate.content["points"]]
+    content = certificate.content
+    domains = [(p["row"], content["curves"][p["curve"]]["domain"]) for p in content["points"]]
+    domains = [(row, domain) for row, domain in domains if domain] + [(row, ends) for row, *ends in content["strips"]]
     rows = np.zeros((len(domains), model.rows.n))
     for line, (row, _) in zip(rows, domains, strict=True):
         line[[i for i, _ in row]] = [m * 2.0**e for _, (m, e) in row]
@@ -150,6 +153,68 @@ def test_a_region_ends_before_its_branch_does() -> None:
     assert stays(fold(), certificate, seed=0)
 
 
+@pytest.mark.parametrize("box", [[[-2, 2], [-0.5, 0.5]], [[-0.1, 0.3], [-0.5, 0.5]]])
+def test_a_region_in_a_box_keeps_to_every_side_of_it(box: list[list[float]]) -> None:
+    """Sides of x and of w, and runs from its edge stay within them; the checker's sentence names both."""
+    certificate = ps.certify(fold(), domain=box, rate=0.25).certificate
+    assert certificate.scope == "regional"
+    assert stays(fold(), certificate, seed=0)
+    assert "-0.5 <= ('w' - 'w'*) <= 0.5" in certificate.statement
+    for sign in (-1.0, 1.0):
+        assert box[0][0] <= edge(certificate, np.array([sign]))[0] <= box[0][1]
+
+
+@pytest.mark.long
+def test_a_side_of_a_variable_that_no_function_reads_alone_is_kept() -> None:
+    """The sine reads x - w; with |w| <= 0.4 as a side of the box the runs keep it, and a wider box allows more."""
+    x, w = _bus_at_rest(1)
+    small, large = (
+        ps.certify(bus(1), domain=[[x - 1, x + 1], [w - side, w + side]]).certificate for side in (0.1, 0.8)
+    )
+    assert small.level < large.level or edge(small, np.ones(1))[0] < edge(large, np.ones(1))[0]
+    assert stays(bus(1), small, seed=0)
+    assert stays(bus(1), large, seed=1)
+
+
+def _bus_at_rest(seed: int) -> np.ndarray:
+    return np.asarray(find_operating_point(bus(seed).rows, np.zeros(1))[0].x)
+
+
+def test_a_box_of_the_states_alone_leaves_functions_of_algebraic_variables_on_all_of_R() -> None:
+    """The diode's equation has one solution everywhere; that of the fold has not, and the verdict says so."""
+    certificate = ps.certify(diode(), domain=[[-2.0, 2.0]]).certificate
+    assert certificate.claim == "region"
+    assert edge(certificate, np.ones(1))[0] <= 2
+    verdict = ps.certify(fold(), domain=[[-1.0, 1.0]])
+    assert isinstance(verdict, ps.Undecided)
+    assert "in the whole box" in verdict.detail
+
+
+def test_where_all_states_are_undecided_the_box_of_the_data_is_tried() -> None:
+    """As of other models; `domain="data"` asks for nothing else. A tank whose outflow w is a root of its level."""
+    outflow, box = ("sqrt(1 + x) - 1", [[1.0, 0.0]], [[0.0], [1.0]]), [[-0.5, 1.0], [-0.5, 0.5]]
+    tank = ps.DescriptorModel([[0.0, -1.0], [0.0, -1.0]], [outflow], [[1.0], [0.0]], algebraic=["w"], domain=box)
+    for domain in ("global", "data"):
+        assert ps.certify(tank, domain=domain).certificate.claim == "region"
+    assert isinstance(ps.certify(tank, claim="incremental"), ps.Undecided)
+
+
+def test_no_region_is_certified_in_a_box_without_an_equilibrium() -> None:
+    """The verdict says that there is none."""
+    verdict = ps.certify(fold(), domain=[[0.5, 1.0], [-0.5, 0.5]])
+    assert "inside the box" in str(verdict.detail)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(4))
+def test_runs_from_the_edge_of_random_boxes_stay(seed: int) -> None:
+    """Of buses without inertia in random boxes about their rest: the inputs, the strips and the bound hold."""
+    at, sides = _bus_at_rest(seed), np.random.default_rng(seed).uniform(0.2, 1.0, (2, 2))
+    verdict = ps.certify(bus(seed), domain=np.stack([at - sides[0], at + sides[1]], axis=1))
+    assert verdict.is_certified
+    assert stays(bus(seed), verdict.certificate, seed)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_runs_from_the_edge_of_random_regions_stay(seed: int) -> None:
@@ -167,9 +232,10 @@ def test_a_region_is_about_a_stable_point_that_exists() -> None:
 
 
 def test_a_question_that_does_not_fit_is_refused() -> None:
-    """A region is one of strips; an operating point is a state, or all variables."""
-    with pytest.raises(ps.ModelError, match="a region of strips"):
-        ps.certify(loop(0.5), domain=[[-1.0, 1.0]])
+    """A box is of the states or of all variables; an operating point is a state, or all variables."""
+    for domain in (3 * [[-1.0, 1.0]], [[1.0, -1.0]], "near", "data"):
+        with pytest.raises(ps.ModelError, match=r"box|domain"):
+            ps.certify(loop(0.5), domain=domain)
     with pytest.raises(ps.ModelError, match="operating_point"):
         ps.certify(loop(0.5), operating_point=[1.0, 2.0, 3.0])
 

@@ -1,6 +1,5 @@
 """The certificate of a proposal: facts of every kind, rows that are exactly zero, strips of a region."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -43,18 +42,16 @@ from persid.models.model import PersidskiiModel
 from persid.models.outputs import OutputModel
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
-from persid_check.ledger.values import Ledger
 
 RISING = ("nondecreasing",)
 SHORT = 20  # bits of a bound of slopes
-Strip = tuple[Mapping[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 
 def prove_facts(
-    model: PersidskiiModel | DescriptorModel, proposal: Proposal, point: OperatingPoint | None,
-    strips: Sequence[Strip] = (), *, each: bool = False, outputs: OutputModel | None = None,
+    model: PersidskiiModel | DescriptorModel, proposal: Proposal, point: OperatingPoint | None, *, each: bool = False,
+    outputs: OutputModel | None = None,
 ) -> Certificate:  # fmt: skip
-    """Return the certificate that the checker accepts: of a region where points have domains, else global.
+    """Return the certificate that the checker accepts: of a region where there are strips, else global.
 
     With `each` every input has a gain of its own. With a rate it bounds the outputs, if there are any.
 
@@ -62,19 +59,17 @@ def prove_facts(
         RejectedError: the checker does not accept it.
         RoundingError: a lemma is not proved, or a matrix is not positive definite in floating point.
     """
-    content = _content(model, proposal, point, strips, each)
+    content = _content(model, proposal, point, each)
     if outputs is not None and proposal.kappa:
         content = with_constants(with_proof(content | {"outputs": described(outputs)}))
     return Certificate.of(content)
 
 
 def _content(
-    model: PersidskiiModel | DescriptorModel, proposal: Proposal, point: OperatingPoint | None,
-    strips: Sequence[Strip], each: bool,
-) -> Json:  # fmt: skip
+    model: PersidskiiModel | DescriptorModel, proposal: Proposal, point: OperatingPoint | None, each: bool
+) -> Json:
     frame, n = proposal.frame, proposal.frame.n
-    regional = any(each.curve.domain is not None for each in frame.points) or bool(strips)
-    claim = "region" if regional else "rate-and-gain" if proposal.kappa else "iss"
+    claim = "region" if frame.is_regional else "rate-and-gain" if proposal.kappa else "iss"
     claim = "practical" if isinstance(frame, Rough) else claim
     curves, points, facts, algebraic = _written(proposal)
     absent = [c for c in range(len(frame.model.channels)) if c not in frame.places]
@@ -86,7 +81,7 @@ def _content(
         "P": _quadratic(proposal),
         "dropped": sorted([*zero, *(n + c for c in absent)]),
         "kappa": dyadic(proposal.kappa),
-        "strips": [[[[i, dyadic(r)] for i, r in row.items()], dyadic(lo), dyadic(hi)] for row, lo, hi in strips],
+        "strips": [[[[i, dyadic(r)] for i, r in row.items()], dyadic(lo), dyadic(hi)] for row, lo, hi in frame.strips],
     }
     if frame.order < n:
         content["algebraic"] = algebraic
@@ -94,7 +89,7 @@ def _content(
         gamma = rounded(-_floor(-max(proposal.gamma, 1e-30)))
         p = rounded(_floor(proposal.least)) if proposal.kappa else [0, 0]
         return with_proof(content | {"gamma": gamma, "p": p})
-    return with_proof(content | _numbers(content, regional, each))
+    return with_proof(content | _numbers(content, frame.is_regional, each))
 
 
 def _quadratic(proposal: Proposal) -> Json:
@@ -134,8 +129,8 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
         return found if ledger.kappa else {"gamma": stored}
     inverse, level = np.linalg.inv(Pt), np.inf
     reaches = iter(ledger.algebraic.bounds if ledger.algebraic is not None else ())
-    for row, lo, hi in _sides(ledger):
-        if all(i < n for i in row):
+    for row, lo, hi in ledger.sides:
+        if ledger.is_of_states(row):
             r = np.zeros(n)
             r[list(row)] = [float(v) for v in row.values()]
             share = float(r @ inverse @ r)
@@ -164,11 +159,6 @@ def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[object, float]:
         return {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}, largest(Gamma)
     gamma = -_floor(-max(float(np.linalg.eigvalsh(least)[-1]), 1e-30)) if len(least) else 1.0
     return rounded(gamma), gamma
-
-
-def _sides(ledger: Ledger) -> list[Strip]:
-    domains = ((point.row, ledger.curves[point.curve].domain) for point in ledger.points)
-    return [*((row, domain[0], domain[1]) for row, domain in domains if domain is not None), *ledger.strips]
 
 
 def _value(proposal: Proposal, label: tuple[object, ...]) -> list[int]:
@@ -244,18 +234,20 @@ def _equations(proposal: Proposal, at: list[dict[int, int]]) -> Json:
     ]
     solvable = {"multipliers": _rows(proposal, ("solving",), count), "products": products, "proof": []}
     found = {"solvable": solvable, "equations": _rows(proposal, ("equation",), count)}
-    return found | ({"bounds": [_reach(proposal, p, at) for p in bounded(frame)]} if frame.is_regional else {})
+    return found | (
+        {"bounds": [_reach(proposal, k, at) for k in range(len(bounded(frame)))]} if frame.is_regional else {}
+    )
 
 
-def _reach(proposal: Proposal, p: int, at: list[dict[int, int]]) -> Json:
-    """Return how far a point goes, and why."""
+def _reach(proposal: Proposal, place: int, at: list[dict[int, int]]) -> Json:
+    """Return how far the row at a place among those that are bounded goes, and why."""
     facts = [
         [label[2], at[label[2]][label[3]], at[label[2]][label[4]], dyadic(value)]
         for label, value in proposal.values.items()
-        if label[:2] == ("reaching", p) and len(label) == 5
+        if label[:2] == ("reaching", place) and len(label) == 5
     ]
-    rows = _rows(proposal, ("reaching", p), proposal.frame.n - proposal.frame.order)
-    alpha, beta = (_value(proposal, (name, p)) for name in ("alpha", "beta"))
+    rows = _rows(proposal, ("reaching", place), proposal.frame.n - proposal.frame.order)
+    alpha, beta = (_value(proposal, (name, place)) for name in ("alpha", "beta"))
     return {"equations": rows, "value": facts, "alpha": alpha, "beta": beta, "proof": []}
 
 

@@ -14,7 +14,7 @@ from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid_check.exact import Matrix, diagonal, is_large
 from persid_check.ledger import FORMAT
-from persid_check.ledger.algebraic import bounded_points, form_of_differences, form_of_reach
+from persid_check.ledger.algebraic import bounded_sides, form_of_differences, form_of_reach
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.values import Ledger
@@ -80,9 +80,10 @@ def _with_algebraic(draft: Json, ledger: Ledger, matrices: Assembly) -> Json:
     solvable = {**written["solvable"], "proof": factor(floats(form_of_differences(ledger, said)))}
     found = {**written, "solvable": solvable}
     if ledger.claim == "region":
-        listed = zip(bounded_points(ledger), said.bounds, written["bounds"], strict=False)
+        listed = zip(bounded_sides(ledger), said.bounds, written["bounds"], strict=False)
         found["bounds"] = [
-            {**entry, "proof": factor(floats(form_of_reach(ledger, p, reach, matrices)))} for p, reach, entry in listed
+            {**entry, "proof": factor(floats(form_of_reach(ledger, row, reach, matrices)))}
+            for (row, *_), reach, entry in listed
         ]
     return {"algebraic": found}
 

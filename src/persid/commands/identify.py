@@ -89,7 +89,7 @@ def run(
     With --outputs in place of --states the state counts as unmeasured: order and neurons are chosen by free runs, the
     model is stable by construction, and every output is bounded in its own unit. Ctrl-C then keeps the best so far.
     With --algebraic beside --states some measured variables have equations in place of derivatives: each equation says
-    what its variable is. One --domain auto then asks for a region.
+    what its variable is. --domain auto and --domain data then ask for a region.
 
     \b
     Example:

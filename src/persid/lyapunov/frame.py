@@ -31,6 +31,7 @@ from persid_check.model import Model
 
 _HALF, _ONE = Fraction(1, 2), Fraction(1)
 Pair = tuple[Row, Row]
+Strip = tuple[Mapping[int, Fraction], Fraction, Fraction]  # lo < r'x < hi
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Frame:
     `lone` is 1 where the constant b is one more input. `between` solutions holds what is proved with V = x'P x and
     products of two nondecreasing forms at one point. `sloped`: V reads values of functions, and slopes along solutions
     make facts. In badly scaled coordinates `basis` has the rows of better ones, and P is made of their products. Of
-    each of the `identities` the sum of all 2 sigma zeta_i zeta_j, (i, j, sigma) in it, is zero for every x.
+    each of the `identities` the sum of all 2 sigma zeta_i zeta_j, (i, j, sigma) in it, is zero for every x. `strips`
+    bound a region beside the domains of points.
     """
 
     model: Model
@@ -63,6 +65,7 @@ class Frame:
     solving: Mapping[Label, Fraction] = field(default_factory=dict)  # why equations have one solution
     basis: tuple[Row, ...] = ()
     identities: tuple[tuple[tuple[int, int, Fraction], ...], ...] = ()
+    strips: tuple[Strip, ...] = ()
 
     @property
     def monotone(self) -> "Frame":
@@ -112,8 +115,14 @@ class Frame:
 
     @property
     def is_regional(self) -> bool:
-        """Whether a curve is known on a strip alone."""
-        return any(point.curve.domain is not None for point in self.points)
+        """Whether a curve is known on a strip alone, or a region has strips of its own."""
+        return bool(self.sides)
+
+    @property
+    def sides(self) -> list[Strip]:
+        """All strips of a region: domains of points, then its own."""
+        domains = ((point.row, point.curve.domain) for point in self.points)
+        return [*((row, *domain) for row, domain in domains if domain is not None), *self.strips]
 
     @cached_property
     def flow(self) -> tuple[Row, ...]:

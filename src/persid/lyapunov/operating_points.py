@@ -38,12 +38,15 @@ class OperatingPoint:
     radius: float
     u: Float[ndarray, " m"]
 
-    def reach(self, box: Float[ndarray, "n 2"]) -> Float[ndarray, " n"]:
+    def reach(self, box: Float[ndarray, "k 2"]) -> Float[ndarray, " k"]:
         """Return the distance from the faces of the box that a certificate names, per state; negative outside of it.
+
+        A box may be of the first variables alone.
 
         The checker takes the ball's radius r off its own box, and names the box in x less 2r at each side.
         """
-        return np.asarray(np.minimum(self.x - box[:, 0], box[:, 1] - self.x) - 3 * self.radius)
+        x = self.x[: len(box)]
+        return np.asarray(np.minimum(x - box[:, 0], box[:, 1] - x) - 3 * self.radius)
 
     def to_dict(self, *, with_input: bool = True) -> Json:
         """Return the point as a certificate writes it; with its input, `from_dict` is the way back, exactly."""

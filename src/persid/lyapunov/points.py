@@ -96,7 +96,7 @@ class Point:
         symmetric = domain is None or domain[0] == -domain[1]
         return is_odd(self.curve.exact) and symmetric and (shift is None or not any(shift))
 
-    def on(self, reach: tuple[float, float]) -> "Point":
+    def on(self, reach: tuple[float | Fraction, float | Fraction]) -> "Point":
         """Return the point on a strip lo < y < hi instead, with the forms that hold there."""
         curve = replace(self.curve, domain=(Fraction(reach[0]), Fraction(reach[1])))
         return replace(self, curve=curve, forms=known(curve))

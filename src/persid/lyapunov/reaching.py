@@ -30,21 +30,17 @@ SLACK = 2.0**-10  # of alpha and beta, for what is lost when numbers become shor
 _ONE, _HALF = Fraction(1), Fraction(1, 2)
 
 
-def bounded(frame: Frame) -> list[int]:
-    """Return the points on strips whose rows read algebraic variables."""
-    return [
-        p
-        for p, point in enumerate(frame.points)
-        if point.curve.domain is not None and any(i >= frame.order for i in point.row)
-    ]
+def bounded(frame: Frame) -> list[Row]:
+    """Return the rows of strips that read algebraic variables."""
+    return [dict(row) for row, *_ in frame.sides if any(i >= frame.order for i in row)]
 
 
 def with_reaches(proposal: Proposal, left: Left) -> Proposal | None:
-    """Return a proposal with how far each such point goes, by its numbers for V; None where that is not found."""
+    """Return a proposal with how far each such row goes, by its numbers for V; None where that is not found."""
     frame, weight = proposal.frame, float(proposal.kappa) / max(proposal.gamma, 1e-300)
     values = dict(proposal.values)
-    for p in bounded(frame):
-        found = reaching(frame, p, _lower(proposal), weight, left)
+    for k, row in enumerate(bounded(frame)):
+        found = reaching(frame, k, row, _lower(proposal), weight, left)
         if found is None:
             return None
         values |= found
@@ -62,18 +58,21 @@ def _lower(proposal: Proposal) -> Float[ndarray, "n n"]:
     return half + half.T
 
 
-def reaching(frame: Frame, p: int, Pt: Float[ndarray, "n n"], weight: float, left: Left) -> Values | None:
-    """Return alpha, beta, rows n_i and tau of a point with a small alpha + weight beta; None where none are found."""
+def reaching(frame: Frame, place: int, row: Row, Pt: Float[ndarray, "n n"], weight: float, left: Left) -> Values | None:
+    """Return alpha, beta, rows n_i and tau of a row with a small alpha + weight beta; None where none are found.
+
+    Labels have its place among all such rows.
+    """
     kept, system = _kept(frame), system_of(frame)
     found = scaling(system)
     units = np.concatenate([found.entries, found.inputs])
-    size = float(np.sqrt(sum((float(v) * units[i]) ** 2 for i, v in frame.points[p].row.items())))
+    size = float(np.sqrt(sum((float(v) * units[i]) ** 2 for i, v in row.items())))
 
     def read(row: Row) -> np.ndarray:
         return np.array([float(row.get(i, 0)) * units[i] for i in kept])
 
-    r = read(frame.points[p].row) / size
-    unknowns = [*_reaches(frame, p, Pt), *_rows(frame, p, kept), *_values(frame, p, set(kept))]
+    r = read(row) / size
+    unknowns = [*_reaches(frame, place, Pt), *_rows(frame, place, kept), *_values(frame, place, set(kept))]
     sizes = np.array([1 / max(_norms(each, read), 1e-300) for each in unknowns])
     pairs = [(a, b, sizes[k], k) for k, each in enumerate(unknowns) for a, b in each.M]
     margin = [({i: _ONE}, {i: -_HALF}, 1 / units[i] ** 2, len(unknowns)) for i in kept]
@@ -120,25 +119,25 @@ def _kept(frame: Frame) -> list[int]:
     return [i for i in range(frame.width) if i < frame.n or i in standing]
 
 
-def _reaches(frame: Frame, p: int, Pt: Float[ndarray, "n n"]) -> Iterator[Unknown]:
+def _reaches(frame: Frame, place: int, Pt: Float[ndarray, "n n"]) -> Iterator[Unknown]:
     """Alpha x'Pt x and beta |v|^2."""
     lines = [{j: Fraction(float(v)) / 2 for j, v in enumerate(line)} for line in Pt]
-    yield Unknown(("alpha", p), tuple(({i: _ONE}, line) for i, line in enumerate(lines)))
+    yield Unknown(("alpha", place), tuple(({i: _ONE}, line) for i, line in enumerate(lines)))
     standing = [i for i in _kept(frame) if i >= frame.entries]
     if standing:
-        yield Unknown(("beta", p), tuple(({i: _ONE}, {i: _HALF}) for i in standing))
+        yield Unknown(("beta", place), tuple(({i: _ONE}, {i: _HALF}) for i in standing))
 
 
-def _rows(frame: Frame, p: int, kept: list[int]) -> Iterator[Unknown]:
+def _rows(frame: Frame, place: int, kept: list[int]) -> Iterator[Unknown]:
     for h in range(frame.order, frame.n):
         down = {j: -v for j, v in frame.flow[h].items()}
         for i in kept:
-            yield Unknown(("reaching", p, h - frame.order, i), (({i: _ONE}, down),), multiplier=False)
+            yield Unknown(("reaching", place, h - frame.order, i), (({i: _ONE}, down),), multiplier=False)
 
 
-def _values(frame: Frame, p: int, kept: set[int]) -> Iterator[Unknown]:
+def _values(frame: Frame, place: int, kept: set[int]) -> Iterator[Unknown]:
     """Value facts at all points that read no more than this."""
-    for q, point in enumerate(frame.points):
+    for p, point in enumerate(frame.points):
         rows = {
             k: point.reads(form.form, frame.places)
             for k, form in enumerate(point.forms)
@@ -146,4 +145,4 @@ def _values(frame: Frame, p: int, kept: set[int]) -> Iterator[Unknown]:
         }
         own = {k: row for k, row in rows.items() if kept.issuperset(row)}
         for k, j in combinations(own, 2):
-            yield Unknown(("reaching", p, q, k, j), ((own[k], {i: -v for i, v in own[j].items()}),))
+            yield Unknown(("reaching", place, p, k, j), ((own[k], {i: -v for i, v in own[j].items()}),))

@@ -7,6 +7,7 @@ over points of the last level set, which is linear in the unknowns, is made smal
 the old V is 1 and the new one is less on average, the set grows. The widths first grow together, then one by one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -21,6 +22,7 @@ from persid._dyadics import rounded
 from persid.lyapunov.barrier import Block, Centre, Region, minimise
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.integrals import _sampled
+from persid.lyapunov.points import Row
 from persid.lyapunov.proposals import ROOM, Candidate, Left, feasible
 from persid.lyapunov.sectors import Curve
 from persid.lyapunov.solvability import solved
@@ -107,6 +109,41 @@ def _integrals(curve: Curve) -> tuple[Float[ndarray, " K"], Float[ndarray, "K d"
     return y[order], integral[order]
 
 
+def on_box(frame: Frame, box: Sequence[tuple[Fraction, Fraction]]) -> Frame:
+    """Return a frame on a box about the operating point, of the first variables or of all, lo < z_i < hi.
+
+    Functions are looked at where the box lets their arguments go, on all of R where these read more than it has. Sides
+    that are no domain of a function are strips of their own.
+    """
+    points = tuple(
+        point.on(_interval(point.row, box)) if all(i < len(box) for i in point.row) else point for point in frame.points
+    )
+    standing = [(point.row, point.curve.domain) for point in points]
+    sides = [({i: Fraction(1)}, ends) for i, ends in enumerate(box)]
+    return replace(
+        frame, points=points, strips=tuple((row, *ends) for row, ends in sides if (row, ends) not in standing)
+    )
+
+
+def _interval(row: Row, box: Sequence[tuple[Fraction, Fraction]]) -> tuple[Fraction, Fraction]:
+    """Return the ends of r'z on a box."""
+    ends = [sorted(r * end for end in box[i]) for i, r in row.items()]
+    return sum((low for low, _ in ends), Fraction(0)), sum((high for _, high in ends), Fraction(0))
+
+
+def in_strips(frame: Frame, following: Float[ndarray, "k n"] | None) -> Float[ndarray, "g n"]:
+    """Return rows r/h of all strips of a frame over the states, which algebraic variables follow."""
+    rows = np.zeros((len(frame.sides), frame.n))
+    for line, (row, lo, hi) in zip(rows, frame.sides, strict=True):
+        line[list(row)] = [float(v / min(-lo, hi)) for v in row.values()]
+    return over_states(rows, frame.order, following)
+
+
+def over_states(rows: Float[ndarray, "g N"], n: int, following: Float[ndarray, "k n"] | None) -> Float[ndarray, "g n"]:
+    """Return rows over all variables as rows over the n states."""
+    return rows if following is None else rows[:, :n] + rows[:, n:] @ following
+
+
 @dataclass
 class Search:
     """Widths of strips for a frame, and the largest region that was found with them.
@@ -128,8 +165,7 @@ class Search:
         rows = np.zeros((len(self.frame.points), self.frame.n))
         for line, point in zip(rows, self.frame.points, strict=True):
             line[list(point.row)] = [float(v) for v in point.row.values()]
-        n = self.frame.order
-        return rows if self.following is None else rows[:, :n] + rows[:, n:] @ self.following
+        return over_states(rows, self.frame.order, self.following)
 
     def run(self) -> Sublevel | None:
         """Widen all strips together, then single ones, while the region grows."""

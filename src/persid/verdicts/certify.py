@@ -48,7 +48,7 @@ def certify(
         u_op: the nominal constant input, (m,), default u_ref.
         domain: "global"; "auto" for the largest region that is found: all states where that is proved, else one whose
             bounds the search chooses; "data" for a region in the model's box of data only; or a box [[lo, hi], …]. Of a
-            model with algebraic variables one of the first two.
+            model with algebraic variables a box is of the states, or of these and the algebraic variables.
         gains: "joint" for one gain from sup|u - u*|, as small as is found; "each" for a gain of every input, made small
             where inputs act alike: certificate.gains, and certificate.bound(x0, [sup|u_1 - u_1*|, …], t).
         rate: a rate in 1/s that the certificate is to have at least, with the gain as small as is found; where it is
@@ -96,14 +96,17 @@ def certify(
     if isinstance(model, DescriptorModel):
         from persid.verdicts import descriptors
 
-        _refuse_for_equations(domain, claim)
-        wanted = "region" if _is_auto(domain) else claim
-        equations = descriptors.Question(model, operating_point, _nominal(model, u_op), rate, each, wanted)
+        if claim == "practical":
+            raise ModelError('no claim="practical" is sought of a model with algebraic variables')
+        box = _box(model.rows, domain, (model.n, model.rows.n))
+        auto, u = _is_auto(domain), _nominal(model, u_op)
+        equations = descriptors.Question(model, operating_point, u, rate, each, claim, box, auto)
         return _answered(partial(descriptors.decide, equations, log), model.n, log)
     dynamics = model.dynamics if isinstance(model, OutputModel) else model
     asked = Question(
-        model=dynamics, near=_near(dynamics, operating_point), u=_nominal(dynamics, u_op), box=_box(dynamics, domain),
-        each=each, rate=rate, outputs=outputs, claim=claim, arrays=arrays_on(device), auto=_is_auto(domain),
+        model=dynamics, near=_near(dynamics, operating_point), u=_nominal(dynamics, u_op),
+        box=_box(dynamics, domain, (dynamics.n,)), each=each, rate=rate, outputs=outputs, claim=claim,
+        arrays=arrays_on(device), auto=_is_auto(domain),
     )  # fmt: skip
     return _answered(partial(decide, asked, log), dynamics.n, log)
 
@@ -123,13 +126,6 @@ def _answered(answer: Callable[[], Verdict], n: int, log: Log) -> Verdict:
         return Undecided(Reason.INTERRUPTED, "Run it again and let it finish.", tuple(log.attempts))
 
 
-def _refuse_for_equations(domain: object, claim: str) -> None:
-    if not (isinstance(domain, str) and domain in ("global", "auto")):
-        raise ModelError('of a model with algebraic variables domain is "global" or "auto", a region of strips')
-    if claim == "practical":
-        raise ModelError('no claim="practical" is sought of a model with algebraic variables')
-
-
 def _nominal(model: PersidskiiModel | DescriptorModel, u_op: object) -> ndarray:
     return model.u_ref if u_op is None else vector("u_op", u_op, model.m)
 
@@ -145,8 +141,8 @@ def _is_auto(domain: object) -> bool:
     return isinstance(domain, str) and domain == "auto"
 
 
-def _box(model: PersidskiiModel, domain: object) -> ndarray | None:
-    """Return the box that a regional question names, None for a global one."""
+def _box(model: PersidskiiModel, domain: object, sizes: tuple[int, ...]) -> ndarray | None:
+    """Return the box that a regional question names, of so many variables; None for a global question."""
     if isinstance(domain, str):
         if domain not in ("global", "data", "auto"):
             raise ModelError(f'domain is "global", "data", "auto" or a box [[lo, hi], …], not {domain!r}')
@@ -157,6 +153,7 @@ def _box(model: PersidskiiModel, domain: object) -> ndarray | None:
         box = np.array(domain, float)
     except (TypeError, ValueError):
         box = np.zeros(0)
-    if box.shape != (model.n, 2) or not (np.isfinite(box).all() and (box[:, 0] < box[:, 1]).all()):
-        raise ModelError(f"a box needs one finite [lo, hi] with lo < hi for each of the {model.n} states")
+    if box.shape not in [(n, 2) for n in sizes] or not (np.isfinite(box).all() and (box[:, 0] < box[:, 1]).all()):
+        alone = f"{sizes[0]} states" + (f", or of all {sizes[-1]} variables" if len(sizes) > 1 else "")
+        raise ModelError(f"a box needs one finite [lo, hi] with lo < hi for each of the {alone}")
     return box

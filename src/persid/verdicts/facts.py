@@ -22,7 +22,7 @@ from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_g
 from persid.lyapunov.reaching import with_reaches
 from persid.lyapunov.shifted_model import Setting, place
 from persid.lyapunov.solvability import solved
-from persid.lyapunov.strips import Search, enlarged, of_linearisation
+from persid.lyapunov.strips import Search, enlarged, in_strips, of_linearisation
 from persid.lyapunov.system import scaling
 from persid.lyapunov.zero_rows import reduced
 from persid.models.descriptor import DescriptorModel
@@ -163,17 +163,41 @@ def by_strips(
         return by_strips(about, frame, None, each, log, outputs)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    widths = np.array(search.widths)
     points = tuple(proved(point) for point in best.candidate.frame.points)
-    solved_frame, within = solved(replace(frame, points=points), log.left), search.rows / widths[:, None]
-    failure = stopped(Status.INFEASIBLE)
+    solved_frame = solved(replace(frame, points=points), log.left)
     if solved_frame is None:
-        return failure
+        return stopped(Status.INFEASIBLE)
+    return _fastest(about, solved_frame, best.volume, slowest, each, log, outputs)
+
+
+def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log: Log) -> Certificate | Failure:
+    """Certify the largest region that is found in the strips of a frame, at a rate (1/s) or at what costs little."""
+    limit = decay.fastest(about.jacobian, None)
+    if limit <= 0:
+        return Failure(Reason.OUTSIDE, words.NO_DECAY)
+    known = solved(replace(frame, points=tuple(map(proved, frame.points))), log.left)
+    if known is None:
+        return Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE_IN_BOX)
+    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, None))
+    best = enlarged(known, slowest, in_strips(known, about.following), log.left) if slowest < limit else None
+    if best is None and rate is not None:
+        return by_box(about, frame, None, each, log)
+    if best is None:
+        return stopped(Status.TIME) if log.left() <= 0 else Failure(Reason.NOT_FOUND, words.SMALLER)
+    return _fastest(about, known, best.volume, slowest, each, log, None)
+
+
+def _fastest(
+    about: About, frame: Frame, volume: float, slowest: Fraction, each: bool, log: Log, outputs: OutputModel | None
+) -> Certificate | Failure:
+    """Certify a region in the strips of a frame with the largest rate that leaves most of a volume."""
+    limit, within = decay.fastest(about.jacobian, None), in_strips(frame, about.following)
+    failure = stopped(Status.INFEASIBLE)
     for kappa in sorted({slowest, *(_power_of_two(limit * share) for share in FASTER)}, reverse=True):
         if kappa < slowest:
             break
-        found = enlarged(solved_frame, kappa, within, log.left)
-        if found is not None and (found.volume >= KEPT * best.volume or kappa == slowest):
+        found = enlarged(frame, kappa, within, log.left)
+        if found is not None and (found.volume >= KEPT * volume or kappa == slowest):
             answer = certificate_of(about, found.candidate, each, log, outputs)
             if isinstance(answer, Certificate):
                 return answer

@@ -41,6 +41,10 @@ NOT_SOLVABLE = (
     "It is not proved that the equations have exactly one solution for every state and input. A slope of a loop that "
     "reaches 1 gives them several: change the algebraic part, or bound its functions' slopes."
 )
+NOT_SOLVABLE_IN_BOX = (
+    "It is not proved that the equations have exactly one solution in the whole box for every state in it. A smaller "
+    'box may allow it, or one that the search chooses: domain="auto".'
+)
 NO_REACH = (
     "It was not found how far arguments of functions that read algebraic variables go in the region; "
     "another rate, or functions with bounded slopes, may allow it."

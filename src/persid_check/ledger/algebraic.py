@@ -9,7 +9,7 @@ from fractions import Fraction
 from persid_check.definite import proof_of
 from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.assembly import Assembly, equations, flow_matrix, padded, products_of
-from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger, Reach
+from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger, Reach, Row
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 
@@ -80,17 +80,10 @@ def _difference(ledger: Ledger, fact: Fact, own: set[int], where: str) -> None:
             raise NotProvedError(where, "a form reads more than the equations' own variables")
 
 
-def bounded_points(ledger: Ledger) -> list[int]:
-    """Return the points on a domain whose rows read algebraic variables."""
-    domains = (ledger.curves[point.curve].domain for point in ledger.points)
-    return [p for p, domain in enumerate(domains) if domain is not None and ledger.reads_algebraic(p)]
-
-
 def _changed(ledger: Ledger) -> None:
     """What is said of points on domains that read algebraic variables holds of functions with chords beyond, too."""
-    bounded = bounded_points(ledger)
-    if any(i >= ledger.model.order for row, *_ in ledger.strips for i in row):
-        raise NotProvedError("strips", "a strip reads an algebraic variable; only domains of points may")
+    domains = (ledger.curves[point.curve].domain for point in ledger.points)
+    bounded = [p for p, domain in enumerate(domains) if domain is not None and ledger.reads_algebraic(p)]
     times = Counter(c for point in ledger.points for c in point.channels)
     spend(times.total())
     for p in bounded:
@@ -100,34 +93,38 @@ def _changed(ledger: Ledger) -> None:
         raise NotProvedError("facts", "on domains that read algebraic variables they are of one form or a difference")
 
 
+def bounded_sides(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
+    """Return the strips whose rows read algebraic variables."""
+    return [side for side in ledger.sides if not ledger.is_of_states(side[0])]
+
+
 def prove_bounds(ledger: Ledger, said: Algebraic, matrices: Assembly) -> None:
-    """Prove that in the region every row that reads an algebraic variable stays on its domain.
+    """Prove that in the region every row that reads an algebraic variable stays in its strip.
 
     Raises:
         NotProvedError: a row may leave it.
     """
-    places = bounded_points(ledger)
-    if len(said.bounds) != len(places):
-        raise NotProvedError("algebraic.bounds", f"{len(said.bounds)} are given; needed are {len(places)}")
-    for i, (p, reach) in enumerate(zip(places, said.bounds, strict=True)):
+    sides = bounded_sides(ledger)
+    if len(said.bounds) != len(sides):
+        raise NotProvedError("algebraic.bounds", f"{len(said.bounds)} are given; needed are {len(sides)}")
+    for i, ((row, lo, hi), reach) in enumerate(zip(sides, said.bounds, strict=True)):
         where = f"algebraic.bounds[{i}]"
-        spend(len(reach.facts) + len(ledger.points[p].row))
+        spend(len(reach.facts) + len(row))
         for fact in reach.facts:
             if not all(ledger.curves[ledger.points[fact.p].curve].is_sector(k) for k in (fact.k, fact.l)):
                 raise NotProvedError(where, "both forms of a fact must be sector forms")
-        if proof_of(form_of_reach(ledger, p, reach, matrices), reach.proof) is None:
+        if proof_of(form_of_reach(ledger, row, reach, matrices), reach.proof) is None:
             raise NotProvedError(where, "(r'z)^2 <= alpha V + beta |v|^2 is not proved")
-        domain = ledger.curves[ledger.points[p].curve].domain
-        h = min(-domain[0], domain[1]) if domain is not None else _ZERO
-        if reach.alpha * ledger.level + reach.beta * ledger.input_bound**2 > h * h:
-            raise NotProvedError(where, "the row is not proved to stay on its domain")
+        h = min(-lo, hi)
+        if h <= 0 or reach.alpha * ledger.level + reach.beta * ledger.input_bound**2 > h * h:
+            raise NotProvedError(where, "the row is not proved to stay on its domain, or in its strip")
 
 
-def form_of_reach(ledger: Ledger, p: int, reach: Reach, matrices: Assembly) -> Matrix:
+def form_of_reach(ledger: Ledger, row: Row, reach: Reach, matrices: Assembly) -> Matrix:
     """Return the form alpha x'Pt x + beta |v|^2 - (r'z)^2 less equations and facts, where its rows are not zero."""
     flow = matrices.flow
     spend(flow.width**2)
-    r = matrix([[ledger.points[p].row.get(j, _ZERO) for j in range(flow.width)]], flow.width)
+    r = matrix([[row.get(j, _ZERO) for j in range(flow.width)]], flow.width)
     scaled = diagonal([reach.alpha] * ledger.model.order) * matrices.Pt
     supply = diagonal([_ZERO] * ledger.entries + [reach.beta] * ledger.inputs)
     known = equations(ledger, flow, reach.equations) + padded(products_of(ledger, reach.facts), flow.width)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.ledger.further import forgets, has_feedback, is_moved
-from persid_check.ledger.theorem import Proved, strips
+from persid_check.ledger.theorem import Proved
 from persid_check.ledger.values import Deviation, Ledger, Output, Row
 from persid_check.words import (
     SHOWN,
@@ -163,8 +163,7 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
 
 def _region(ledger: Ledger, bound: str) -> str:
     """The set that is not left; with algebraic variables first which solution of the equations is meant."""
-    found, order = strips(ledger), ledger.model.order
-    own, others = ([side for side in found if all(i < order for i in side[0]) == of] for of in (True, False))
+    own, others = ([side for side in ledger.sides if ledger.is_of_states(side[0]) == of] for of in (True, False))
     size = f"|u - u*| <= {decimal(ledger.input_bound, up=False)}"
     start, level = _clock(ledger).start, f"V(x) <= {_one(ledger.level)}"
     if not _has_w(ledger):
@@ -355,7 +354,9 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     if ledger.algebraic is not None:
         products = counted(len(ledger.algebraic.products), "product")
         lines.append(f"11. The equations have one solution: a form of differences, {products}, is positive definite.")
-        lines += ["11. Every row that reads an algebraic variable stays on its domain."] * bool(ledger.algebraic.bounds)
+        lines += ["11. Every row that reads an algebraic variable stays on its domain, or in its strip."] * bool(
+            ledger.algebraic.bounds
+        )
     if ledger.dropped:
         lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
     lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")

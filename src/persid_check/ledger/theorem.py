@@ -369,14 +369,8 @@ def _steeper(map: Map) -> str | None:
     return discontinuous(functions, map.cuts, None) or next((reason for reason in falls if reason), None)
 
 
-def strips(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
-    """Return the strips lo <= r'x <= hi that X is made of."""
-    domains = [(point.row, ledger.curves[point.curve].domain) for point in ledger.points]
-    return [*((row, *domain) for row, domain in domains if domain is not None), *ledger.strips]
-
-
 def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
-    sides = [side for side in strips(ledger) if all(i < ledger.model.order for i in side[0])]
+    sides = [side for side in ledger.sides if ledger.is_of_states(side[0])]
     for (_, lo, hi), bound in zip(sides, bounding.bounds([row for row, *_ in sides]), strict=True):
         h = min(-lo, hi)
         if h <= 0:

@@ -227,9 +227,19 @@ class Ledger:
         """Number of entries of (x, s), with algebraic variables of (z, s)."""
         return self.model.n + len(self.model.channels)
 
+    @property
+    def sides(self) -> list[tuple[Row, Fraction, Fraction]]:
+        """The strips lo <= r'z <= hi of a region: domains of points, then those of the file."""
+        domains = ((point.row, self.curves[point.curve].domain) for point in self.points)
+        return [*((row, *domain) for row, domain in domains if domain is not None), *self.strips]
+
+    def is_of_states(self, row: Row) -> bool:
+        """Whether a row reads no algebraic variable."""
+        return all(i < self.model.order for i in row)
+
     def reads_algebraic(self, p: int) -> bool:
         """Whether the row of point p reads an algebraic variable."""
-        return any(i >= self.model.order for i in self.points[p].row)
+        return not self.is_of_states(self.points[p].row)
 
     @property
     def inputs(self) -> int:
