@@ -13,8 +13,8 @@ CHECKER = Path(__file__).resolve().parents[1] / "src" / "persid_check"
 PAGE = Path(__file__).with_name("trust-base.md")
 HEAD = ["| | code | lines |", "|---|---|---|"]
 OF_A_LEDGER = {
-    "door, program, results, steps, what is remembered": "__init__ __main__ check identity memory results subject work",
-    "reading: JSON, numbers, models, outputs, expressions": "expression fields json_text model outputs reading words",
+    "door, program, results, steps, what is remembered": "__init__ __main__ check identity memory results work",
+    "reading: JSON, numbers, models, outputs, expressions": "entry expression json_text model outputs reading words",
     "functions: intervals, expansions, series at 0": "enclosure expansion taylor",
     "matrices and equilibria": "definite equilibrium exact",
     "the ledger: what it proves of the model and its plants": "ledger/__init__ ledger/assembly ledger/check ledger/file"
@@ -24,8 +24,10 @@ OF_A_LEDGER = {
 }
 OTHERS = {
     "digits of large matrices, with NumPy (without it FLINT multiplies them)": "digits",
-    "version 1, claims G, M, E and R (closed)": "version_1/*",
-    "networks, with sparse models and companions": "networks/* companion sparse",
+    "which model is meant, where a model.json is given: its canonical form": "canonical plain",
+    "companions of ledgers, which NumPy reads": "companion ledger/arrays",
+    "version 1, claims G, M, E and R (closed)": "version_1/* subject",
+    "networks, with sparse models": "networks/* sparse",
     "refutations and obstructions": "refutations/*",
     "search, for files without partitions": "search/*",
 }

@@ -8,7 +8,7 @@ from flint import ctx
 
 from persid_check import json_text, ledger
 from persid_check.enclosure import PRECISION
-from persid_check.identity import Meant, meant
+from persid_check.identity import Meant
 from persid_check.ledger.check import check_ledger
 from persid_check.results import Accepted, FormatError, Malformed, NotProvedError, Rejected, Result
 
@@ -33,7 +33,7 @@ def check(source: Source, model: Source | None = None, explain: bool = True, *, 
     try:
         with ctx.workprec(PRECISION):
             content = json_text.read(data, floats=False, longest=_longest(data))
-            wanted = None if other is None else meant(json_text.read(other, floats=True), _folder(model))
+            wanted = None if other is None else _meant(json_text.read(other, floats=True), _folder(model))
             answer = _proved(content, len(data), wanted, _folder(source), arrays)
     except FormatError as error:
         return Malformed(error.where, error.why)
@@ -49,6 +49,12 @@ def _bytes(source: Source) -> bytes:
         return source
     with Path(source).open("rb") as file:
         return file.read(json_text.MAX_BYTES + 1)
+
+
+def _meant(model: object, folder: Path | None) -> Meant:
+    from persid_check.canonical import meant
+
+    return meant(model, folder)
 
 
 def _folder(source: Source | None) -> Path | None:

@@ -3,10 +3,9 @@
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
-from flint import arb, arb_mat, ctx
+from flint import arb, arb_mat
 
 from persid_check.enclosure import (
-    PRECISION,
     Interval,
     UndefinedError,
     between,
@@ -16,29 +15,12 @@ from persid_check.enclosure import (
     value_and_slope,
 )
 from persid_check.expression import work_of
-from persid_check.model import Model, read_model
+from persid_check.model import Model
 from persid_check.work import spend
 
-RADII = tuple(Fraction(1, 2**k) for k in (48, 40, 32, 24, 16, 10))  # tried in this order, times the size of x
 PRODUCTS = 16  # of balls in a product of matrices, that a step counts for
 
 Vector = Sequence[Fraction]
-
-
-def prove_equilibrium(data: Mapping[str, object], x: Vector, u: Vector) -> Fraction | None:
-    """Return a radius r such that exactly one equilibrium for the constant input u lies in |x* - x|_inf <= r, or None.
-
-    The radius 0 means that x itself is an equilibrium, exactly. In discrete time equilibria are fixed points.
-    """
-    model = read_model(data, discrete=True).resting
-    with ctx.workprec(PRECISION):
-        size = 1 + max((abs(Fraction(value)) for value in x), default=Fraction(0))
-        scale = Fraction(2) ** int(size).bit_length()
-        center, constant_input = [Fraction(v) for v in x], [Fraction(v) for v in u]
-        for radius in (Fraction(0), *(r * scale for r in RADII)):
-            if has_unique_equilibrium(model, center, radius, constant_input):
-                return radius
-    return None
 
 
 def has_unique_equilibrium(model: Model, x: Vector, radius: Fraction, u: Vector) -> bool:

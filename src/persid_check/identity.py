@@ -2,12 +2,8 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-from persid_check.model import model_sha256, sha256_of
-from persid_check.outputs import FORMAT as OUTPUT_FORMAT
-from persid_check.outputs import output_sha256
+from persid_check.model import sha256_of
 from persid_check.results import NotProvedError
 
 
@@ -17,18 +13,6 @@ class Meant:
 
     model: str
     outputs: str | None = None
-
-
-def meant(data: Any, folder: Path | None) -> Meant:
-    """Return the hashes of a `model.json`, which may have outputs.
-
-    Raises:
-        FormatError: it is not as specified; the message names the place.
-    """
-    if isinstance(data, dict) and data.get("format") == OUTPUT_FORMAT:
-        outputs = output_sha256(data, folder)
-        return Meant(model_sha256(data["dynamics"], folder), outputs)
-    return Meant(model_sha256(data, folder))
 
 
 def require_same(form: Mapping[str, object], stated: str, wanted: Meant | None, outputs: str | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b: its form, hash, groups.
+"""The model x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b, read in its canonical form.
 
 In discrete time the same right side is x+ - x_ref, x+ the state one step of `dt` later. With algebraic variables, which
 come after the states, the last rows of the right side are equations: zero, instead of a derivative.
@@ -6,32 +6,19 @@ come after the states, the last rows of the right side are equations: zero, inst
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from pathlib import Path
 
-from persid_check.expression import ExpressionError, Program, is_linear, parse
-from persid_check.fields import (
-    ALGEBRAIC,
-    CLOCK,
-    FIELDS,
-    FORMAT,
-    REQUIRED,
-    read_algebraic,
-    read_clock,
-    read_matrix,
-    read_names,
-    read_vector,
-    refuse_fields,
-)
-from persid_check.json_text import Json, Stated
-from persid_check.results import FormatError
+from persid_check.entry import Entry, Row
+from persid_check.expression import Program, is_linear
 
+FORMAT = "persid-model-1"
+FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
+CLOCK = ("time", "dt")  # of a model in discrete time, dt in s
+ALGEBRAIC = "algebraic"  # of a model with equations: the names of its algebraic variables
 MAX_STATES = 1000
 MAX_CHANNELS = 3000  # 12 functions for each of 250 states, or 3 for each of 1000
-
-Row = dict[int, Fraction]
 
 
 @dataclass(frozen=True)
@@ -42,14 +29,6 @@ class Channel:
     program: Program
     row: Row
     column: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Group:
-    """Channels whose rows are positive multiples of one row: r_c = alpha r_g, alpha > 0, exactly."""
-
-    row: Row
-    members: tuple[tuple[int, Fraction], ...]
 
 
 @dataclass(frozen=True)
@@ -100,202 +79,120 @@ class Model:
         return len(self.inputs)
 
 
-def canonical_model(data: Mapping[str, object], folder: Path | None = None) -> Json:
-    """Return the canonical form: all fields present, every number a float.hex() string, no provenance.
-
-    A canonical form is returned unchanged. A large model with sparse matrices, whose companions stand in `folder`, has
-    its arrays' digests instead of numbers (the network form).
-
-    Raises:
-        FormatError: a field is unknown, missing, of the wrong type or shape; the message names the place.
-    """
-    if not isinstance(data, Mapping):
-        raise FormatError("model", "an object is needed")
-    if holds_objects(data):  # a large network: what reads it is not needed elsewhere
-        from persid_check import sparse
-
-        model = sparse.read_sparse(data, sparse.gathered(data, folder))
-        if model.n > sparse.FILLED_STATES:
-            return model.form()
-        data = sparse.filled(model)
-    refuse_fields("model", data, (*FIELDS, *CLOCK, ALGEBRAIC, "provenance"), REQUIRED)
-    if data["format"] != FORMAT:
-        raise FormatError("model.format", f'"{FORMAT}" is needed')
-    states = read_names("model.states", data["states"])
-    inputs = read_names("model.inputs", data.get("inputs") or [])
-    equations = read_algebraic(data, states)
-    n, m = len(states) + len(equations.get(ALGEBRAIC, ())), len(inputs)
-    if not states or n > MAX_STATES or m > MAX_STATES:
-        raise FormatError("model.states", f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
-    return {
-        "format": FORMAT,
-        "states": states,
-        "inputs": inputs,
-        "x_ref": read_vector("model.x_ref", data.get("x_ref"), n),
-        "u_ref": read_vector("model.u_ref", data.get("u_ref"), m),
-        "A0": read_matrix("model.A0", data.get("A0"), n, n),
-        "terms": _terms(data["terms"], n),
-        "B": read_matrix("model.B", None if m == 0 and data["B"] in ([], None) else data["B"], n, m),
-        "b": read_vector("model.b", data.get("b"), n),
-        "domain": None if data.get("domain") is None else read_matrix("model.domain", data["domain"], n, 2),
-    } | (equations or read_clock(data))
-
-
-def holds_objects(data: Mapping[str, object]) -> bool:
-    """Whether a matrix or a vector is given as an object: sparse, or in a companion."""
-    terms = data.get("terms")
-    parts = [data.get(name) for name in ("A0", "B", "x_ref", "b", "domain")]
-    for term in terms if isinstance(terms, list) else []:
-        parts += [term.get("A"), term.get("R")] if isinstance(term, Mapping) else []
-    return any(isinstance(part, Mapping) for part in parts)
-
-
-def model_sha256(data: Mapping[str, object], folder: Path | None = None) -> str:
-    """Return the SHA-256 of the canonical form, written as JSON with sorted keys and no spaces.
-
-    Examples:
-        >>> model = ps.PersidskiiModel(A0=[[-1.0]], B=[[1.0]])
-        >>> persid_check.model_sha256(model.to_dict()) == model.sha256
-        True
-    """
-    return sha256_of(canonical_model(data, folder))
-
-
 def sha256_of(form: Mapping[str, object]) -> str:
-    """Return the SHA-256 of a canonical form."""
+    """Return the SHA-256 of a canonical form, written as JSON with sorted keys and no spaces."""
     text = json.dumps(form, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def read_model(data: Mapping[str, object], *, discrete: bool = False, algebraic: bool = False) -> Model:
-    """Return the model of an object, plain or canonical, with terms f = x merged into A0 exactly; see `model_of`."""
-    return model_of(canonical_model(data), discrete=discrete, algebraic=algebraic)
+def model_of(form: Mapping[str, object], *, discrete: bool = False, algebraic: bool = False) -> Model:
+    """Return the model of a canonical form; see `read_model`."""
+    return read_model(Entry(form, "model"), discrete=discrete, algebraic=algebraic)
 
 
-def model_of(form: Stated, *, discrete: bool = False, algebraic: bool = False) -> Model:
-    """Return the model of a canonical form; one in discrete time, or one with algebraic variables, only to callers that
-    say they know what to do with it.
+def read_model(entry: Entry, *, discrete: bool = False, algebraic: bool = False) -> Model:
+    """Return a model that stands in canonical form, with terms f = x merged into A0: nothing is left out or expanded.
+
+    One in discrete time, or with algebraic variables, only for callers that say they know what to do with it.
 
     Raises:
-        FormatError: it is one of these, and the caller knows differential equations alone.
+        FormatError: anything is not as specified; the message names the place.
     """
-    names = tuple(form.get(ALGEBRAIC, ()))
-    if names and not algebraic:
-        raise FormatError("model.algebraic", "nothing of this kind is proved of a model with algebraic variables")
-    dt = Fraction(float.fromhex(form["dt"])) if form.get("time") == "discrete" else None
+    given = entry.fields(FIELDS, (*CLOCK, ALGEBRAIC))
+    if given["format"].value != FORMAT:
+        given["format"].refuse(f'"{FORMAT}" is needed')
+    names, inputs, dt = _variables(given), given["inputs"].names(), _step(given)
+    n, m, order = len(names), len(inputs), len(given["states"].value)
+    if not order or n > MAX_STATES or m > MAX_STATES:
+        given["states"].refuse(f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
+    if order < n and not algebraic:
+        given[ALGEBRAIC].refuse("nothing of this kind is proved of a model with algebraic variables")
     if dt is not None and not discrete:
-        raise FormatError("model.time", "nothing of this kind is proved of a model in discrete time")
-    n = len(form["states"]) + len(names)
-    A0 = [[Fraction(value) for value in row] for row in _floats(form["A0"])]
-    channels: list[Channel] = []
-    for term in form["terms"]:
-        A = _floats(term["A"])
-        programs = {text: parse(text) for text in set(_texts(term))}
-        for k, (text, row) in enumerate(zip(_texts(term), _rows(term, n), strict=True)):
-            channel = Channel(text, programs[text], row, tuple(line[k] for line in A))
-            if is_linear(channel.program):
-                _merge(A0, channel)
-            else:
-                channels.append(channel)
-    B = tuple(tuple(row) for row in _floats(form["B"]))
-    x_ref, u_ref = (tuple(Fraction(float.fromhex(v)) for v in form[name]) for name in ("x_ref", "u_ref"))
-    b = tuple(float.fromhex(v) for v in form["b"])
-    rows = tuple(tuple(row) for row in A0)
-    variables, inputs = (*form["states"], *names), tuple(form["inputs"])
+        given["time"].refuse("nothing of this kind is proved of a model in discrete time")
+    if given["domain"].value is not None:  # where data were, which no proof uses
+        given["domain"].matrix(n, 2)
+    A0 = [[Fraction(value) for value in row] for row in given["A0"].matrix(n, n)]
+    channels = _merged(A0, _channels(given["terms"], n))
     return Model(
-        states=variables,
-        inputs=inputs,
-        x_ref=x_ref,
-        u_ref=u_ref,
-        A0=rows,
-        channels=tuple(channels),
-        B=B,
-        b=b,
+        states=tuple(names),
+        inputs=tuple(inputs),
+        x_ref=tuple(map(Fraction, given["x_ref"].vector(n))),
+        u_ref=tuple(map(Fraction, given["u_ref"].vector(m))),
+        A0=tuple(map(tuple, A0)),
+        channels=channels,
+        B=tuple(map(tuple, given["B"].matrix(n, m))),
+        b=tuple(given["b"].vector(n)),
         dt=dt,
-        algebraic=len(names),
+        algebraic=n - order,
     )
 
 
-def groups(data: Mapping[str, object]) -> tuple[Group, ...]:
-    """Return the groups of a model object: a channel joins the first group whose row is a positive multiple."""
-    return groups_of(read_model(data))
+def _variables(given: Mapping[str, Entry]) -> list[str]:
+    """Return the names of states and algebraic variables."""
+    names = given["states"].names()
+    if ALGEBRAIC not in given:
+        return names
+    if not given[ALGEBRAIC].names():
+        given[ALGEBRAIC].refuse("at least one name is needed; without equations the field is left out")
+    if "time" in given or "dt" in given:
+        given[ALGEBRAIC].refuse("a model with algebraic variables is in continuous time")
+    return Entry([*names, *given[ALGEBRAIC].value], "model.algebraic").names()
 
 
-def groups_of(model: Model) -> tuple[Group, ...]:
-    """Return the groups of a model, in the order of their first channels."""
-    places: dict[tuple[tuple[int, Fraction], ...], int] = {}
-    rows: list[Row] = []
-    members: list[list[tuple[int, Fraction]]] = []
-    for c, channel in enumerate(model.channels):
-        scale = abs(next(iter(channel.row.values()), Fraction(1)))
-        key = tuple((i, value / scale) for i, value in channel.row.items())
-        place = places.setdefault(key, len(rows))
-        if place == len(rows):
-            rows.append(channel.row)
-            members.append([])
-        first = abs(next(iter(rows[place].values()), Fraction(1)))
-        members[place].append((c, scale / first))
-    return tuple(Group(row, tuple(group)) for row, group in zip(rows, members, strict=True))
+def _step(given: Mapping[str, Entry]) -> Fraction | None:
+    """Return the length of a step in discrete time; in continuous time both fields are left out."""
+    stated = [given[name] for name in CLOCK if name in given]
+    if not stated:
+        return None
+    if len(stated) < 2 or stated[0].value != "discrete":
+        stated[0].refuse('"discrete" with a step dt, or neither, is needed')
+    dt = stated[1].binary64()
+    return Fraction(dt) if dt > 0 else stated[1].refuse("a step in s is positive")
 
 
-def _merge(A0: list[list[Fraction]], channel: Channel) -> None:
-    for i, a in enumerate(channel.column):
-        for j, r in channel.row.items():
-            A0[i][j] += Fraction(a) * r
+def _channels(terms: Entry, n: int) -> Iterator[Channel]:
+    listed = [term.fields(("f", "R", "A")) for term in terms.items(longest=MAX_CHANNELS)]
+    if sum(_count(term, n) for term in listed) > MAX_CHANNELS:
+        terms.refuse(f"more than {MAX_CHANNELS} channels")
+    for term in listed:
+        yield from _of_term(term, n)
 
 
-def _texts(term: Stated) -> list[str]:
-    return [term["f"]] * len(term["A"][0]) if isinstance(term["f"], str) else term["f"]
+def _count(term: Mapping[str, Entry], n: int) -> int:
+    """Return how many channels a term has, one at least."""
+    if term["R"].value is None:
+        return n
+    return len(term["R"].items()) or term["R"].refuse("one row at least is needed")
 
 
-def _rows(term: Stated, n: int) -> list[Row]:
-    if term["R"] is None:
-        return [{i: Fraction(1)} for i in range(n)]
-    return [{j: Fraction(v) for j, v in enumerate(row) if v} for row in _floats(term["R"])]
+def _of_term(term: Mapping[str, Entry], n: int) -> Iterator[Channel]:
+    """The channels of A f(R (x - x_ref)); R = null is the identity, and `f` is one text where all are the same."""
+    k, R, f = _count(term, n), term["R"], term["f"]
+    rows = [{i: Fraction(1)} for i in range(n)] if R.value is None else map(_nonzero, R.matrix(k, n))
+    texts = [f] * k if isinstance(f.value, str) else f.items(k)
+    programs: dict[str, Program] = {}
+    for text in texts:
+        if not isinstance(text.value, str) or text.value not in programs:
+            programs[text.value] = text.program()
+    if not isinstance(f.value, str) and len(programs) < 2:
+        f.refuse("one text stands where all are the same")
+    columns = zip(*term["A"].matrix(n, k), strict=True)
+    for text, row, column in zip(texts, rows, columns, strict=True):
+        yield Channel(text.value, programs[text.value], row, column)
 
 
-def _floats(rows: list[list[str]]) -> list[list[float]]:
-    return [[float.fromhex(value) for value in row] for row in rows]
+def _nonzero(row: list[float]) -> Row:
+    return {j: Fraction(value) for j, value in enumerate(row) if value}
 
 
-def _terms(terms: object, n: int) -> list[dict[str, object]]:
-    if not isinstance(terms, list) or len(terms) > MAX_CHANNELS:
-        raise FormatError("model.terms", f"a list of at most {MAX_CHANNELS} terms is needed")
-    if sum(_channels(term, n) for term in terms) > MAX_CHANNELS:  # before zeros are written for any of them
-        raise FormatError("model.terms", f"more than {MAX_CHANNELS} channels")
-    return [_term(f"model.terms[{i}]", term, n) for i, term in enumerate(terms)]
-
-
-def _channels(term: object, n: int) -> int:
-    """How many channels a term says that it has, one at least."""
-    R = term.get("R") if isinstance(term, Mapping) else ()
-    return n if R is None else max(1, len(R)) if isinstance(R, list) else 1
-
-
-def _term(where: str, term: object, n: int) -> dict[str, object]:
-    if not isinstance(term, Mapping):
-        raise FormatError(where, "an object with f, R and A is needed")
-    refuse_fields(where, term, ("f", "R", "A"), {"f", "A"})
-    R = term.get("R")
-    if R is not None and (not isinstance(R, list) or not 1 <= len(R) <= MAX_CHANNELS):
-        raise FormatError(f"{where}.R", "null or a list of rows is needed")
-    k = n if R is None else len(R)
-    texts = [term["f"]] * k if isinstance(term["f"], str) else term["f"]
-    if not isinstance(texts, list) or len(texts) != k:
-        raise FormatError(f"{where}.f", f"one expression, or one per row of R ({k}), is needed")
-    for text in dict.fromkeys(text if isinstance(text, str) else None for text in texts):
-        _refuse_expression(f"{where}.f", text)
-    return {
-        "f": texts[0] if len(set(texts)) == 1 else texts,
-        "R": None if R is None else read_matrix(f"{where}.R", R, k, n),
-        "A": read_matrix(f"{where}.A", term["A"], n, k),
-    }
-
-
-def _refuse_expression(where: str, text: str | None) -> None:
-    if text is None or not text.isprintable():
-        raise FormatError(where, "an expression is printable text")
-    try:
-        parse(text)
-    except ExpressionError as error:
-        raise FormatError(where, str(error)) from None
+def _merged(A0: list[list[Fraction]], channels: Iterable[Channel]) -> tuple[Channel, ...]:
+    """Add the terms f = x to A0 and return the others."""
+    others = []
+    for channel in channels:
+        if not is_linear(channel.program):
+            others.append(channel)
+            continue
+        for i, a in enumerate(channel.column):
+            for j, r in channel.row.items():
+                A0[i][j] += Fraction(a) * r
+    return tuple(others)

@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from persid_check.companion import Arrays, load
+from persid_check.entry import Entry
 from persid_check.expression import ExpressionError, parse
-from persid_check.fields import FIELDS, FORMAT, REQUIRED, read_names, read_vector, refuse_fields
 from persid_check.json_text import Json, Stated
+from persid_check.model import FIELDS, FORMAT
+from persid_check.plain import texts
 from persid_check.results import FormatError
 
 if TYPE_CHECKING:
     from numpy import ndarray
 
 FILLED_STATES = 400  # up to this many states a sparse matrix is filled in, and the model's form is the plain one
+REQUIRED = ("format", "states", "terms", "B")
 MAX_NODES = 4_000_000
 MAX_ENTRIES = 64_000_000  # of one matrix
 MAX_TERMS = 64
@@ -116,13 +119,14 @@ def read_sparse(data: Stated, arrays: Arrays) -> SparseModel:
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    refuse_fields("model", data, (*FIELDS, "provenance"), REQUIRED)
-    if data["format"] != FORMAT:
-        raise FormatError("model.format", f'"{FORMAT}" is needed')
-    n = data["states"] if isinstance(data["states"], int) else len(read_names("model.states", data["states"]))
-    inputs = read_names("model.inputs", data.get("inputs") or [])
+    given = Entry(data, "model").fields(REQUIRED, (*(name for name in FIELDS if name not in REQUIRED), "provenance"))
+    if given["format"].value != FORMAT:
+        given["format"].refuse(f'"{FORMAT}" is needed')
+    n = data["states"] if isinstance(data["states"], int) else len(given["states"].names())
+    inputs = Entry(data.get("inputs") or [], "model.inputs").names()
     if isinstance(n, bool) or not 1 <= n <= MAX_NODES or len(inputs) > MAX_INPUTS:
         raise FormatError("model.states", f"1 to {MAX_NODES} states and at most {MAX_INPUTS} inputs are read")
+    u_ref = Entry(texts(data.get("u_ref"), len(inputs)), "model.u_ref")
     terms = data["terms"]
     _refuse_many_terms(terms)
     plain = data["states"] if isinstance(data["states"], list) else None
@@ -131,7 +135,7 @@ def read_sparse(data: Stated, arrays: Arrays) -> SparseModel:
         n=n,
         states=None if default else tuple(plain or ()),
         inputs=tuple(inputs),
-        u_ref=tuple(read_vector("model.u_ref", data.get("u_ref"), len(inputs))),
+        u_ref=tuple(number.hex() for number in u_ref.vector(len(inputs))),
         A0=_columns("A0", arrays, (n, n)),
         terms=tuple(_term(f"terms.{i}", term, n, arrays) for i, term in enumerate(terms)),
         B=_columns("B", arrays, (n, len(inputs))),

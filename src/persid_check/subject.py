@@ -1,15 +1,24 @@
-"""What a file of format 1 is about: its claim, and the model with its groups."""
+"""What a file of format 1 is about: its claim, and the model with its groups of channels."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
+from persid_check.entry import Entry, Row
 from persid_check.json_text import Stated
-from persid_check.model import Group, Model, groups_of
-from persid_check.reading import read_model, read_text, require_fields
-from persid_check.results import FormatError
+from persid_check.model import Model, read_model
 
 FORMAT = "persid-certificate-1"
 COMMON = ("format", "claim", "statement", "model_sha256", "model")
+MAX_ENTRIES = 2500  # of states and channels
+
+
+@dataclass(frozen=True)
+class Group:
+    """Channels whose rows are positive multiples of one row: r_c = alpha r_g, alpha > 0, exactly."""
+
+    row: Row
+    members: tuple[tuple[int, Fraction], ...]
 
 
 @dataclass(frozen=True)
@@ -23,26 +32,46 @@ class Subject:
     groups: tuple[Group, ...]
 
 
-def read_heading(data: Mapping[str, object], fields: Sequence[str]) -> str:
-    """Return the hash that a file states, which has all its fields and no other.
+def read_heading(data: Stated, fields: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Entry]:
+    """Return the fields of a file: all that are needed, of optional ones those it has, and no other.
 
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    require_fields("file", data, fields)
-    if data["format"] != FORMAT:
-        raise FormatError("format", f'"{FORMAT}" is needed')
-    read_text("statement", data["statement"], 5000)
-    return read_text("model_sha256", data["model_sha256"], 64)
+    given = Entry(data).fields(fields, optional)
+    if given["format"].value != FORMAT:
+        given["format"].refuse(f'"{FORMAT}" is needed')
+    given["statement"].text(5000)
+    given["model_sha256"].text(64)
+    return given
 
 
-def read_subject(data: Stated, fields: Sequence[str]) -> Subject:
+def read_subject(given: Mapping[str, Entry]) -> Subject:
     """Return the subject of a file whose model stands in it, every number written out.
 
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    stated = read_heading(data, fields)
-    refuted = data["claim"] == "refuted"
-    model = read_model(data["model"], discrete=refuted, algebraic=refuted)
-    return Subject(data["claim"], stated, data["model"], model, groups_of(model))
+    claim, entry = given["claim"].value, given["model"]
+    refuted = claim == "refuted"
+    model = read_model(entry, discrete=refuted, algebraic=refuted)
+    if model.n + len(model.channels) > MAX_ENTRIES:
+        entry.refuse(f"more than {MAX_ENTRIES} states and channels")
+    return Subject(claim, given["model_sha256"].value, entry.value, model, groups_of(model))
+
+
+def groups_of(model: Model) -> tuple[Group, ...]:
+    """Return the groups of a model in the order of their first channels, of whose rows the others' are multiples."""
+    places: dict[tuple[tuple[int, Fraction], ...], int] = {}
+    rows: list[Row] = []
+    members: list[list[tuple[int, Fraction]]] = []
+    for c, channel in enumerate(model.channels):
+        scale = abs(next(iter(channel.row.values()), Fraction(1)))
+        key = tuple((i, value / scale) for i, value in channel.row.items())
+        place = places.setdefault(key, len(rows))
+        if place == len(rows):
+            rows.append(channel.row)
+            members.append([])
+        first = abs(next(iter(rows[place].values()), Fraction(1)))
+        members[place].append((c, scale / first))
+    return tuple(Group(row, tuple(group)) for row, group in zip(rows, members, strict=True))

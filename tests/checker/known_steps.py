@@ -7,7 +7,9 @@ import numpy as np
 
 from checker.ledgers import Sketch, curve, draft, model_object, number, point, seeing, solved
 from persid.certificates.ledger import with_proof
-from persid_check import canonical_model, model_sha256, prove_equilibrium
+from persid.lyapunov.operating_points import proved_radius
+from persid_check import canonical_model, model_sha256
+from persid_check.model import model_of
 
 Certificate = dict[str, Any]
 TANH = [("tanh(x)", 1)]
@@ -56,7 +58,7 @@ def steps_ball() -> Certificate:
     x = 2.4
     for _ in range(60):
         x = 0.5 * x + 0.25 * np.tanh(x) + 1
-    radius = prove_equilibrium(canonical_model(model), [Fraction(x)], [Fraction(1)])
+    radius = proved_radius(model_of(canonical_model(model), discrete=True), [Fraction(x)], [Fraction(1)])
     forms = curve(TANH, ((0, 1), "nondecreasing"), ((1, -1), "nondecreasing"), shift="any")
     at = {"operating_point": {"x": [number(x)], "radius": number(radius or 0), "u": [[1, 0]]}}
     sketch = Sketch(model, [forms], [point(0, {0: 1}, [0], [])], [("value", 0, 0, 1)], "rate-and-gain", 0.25)

@@ -11,9 +11,9 @@ import numpy as np
 
 from persid_check import canonical_model, model_sha256
 from persid_check.exact import Matrix
-from persid_check.model import groups_of, read_model
+from persid_check.model import model_of
 from persid_check.reading import Ball
-from persid_check.subject import Subject
+from persid_check.subject import Subject, groups_of
 from persid_check.version_1.claims import lower_bound
 from persid_check.version_1.format import GroupProof, Stability
 from persid_check.version_1.inequality import assemble
@@ -95,8 +95,9 @@ def make(wanted: Wanted) -> dict[str, Any]:
 
 
 def _empty(wanted: Wanted) -> Stability:
-    m = read_model(wanted.model)
-    subject = Subject(wanted.claim, model_sha256(wanted.model), canonical_model(wanted.model), m, groups_of(m))
+    form = canonical_model(wanted.model)
+    m = model_of(form)
+    subject = Subject(wanted.claim, model_sha256(form), form, m, groups_of(m))
     fractions = [[tuple(Fraction(v) for v in form) for form in forms] for forms in wanted.forms]
     proofs = []
     for g, forms in enumerate(fractions):

@@ -6,7 +6,9 @@ from fractions import Fraction
 from typing import Any
 
 from checker.maker import Wanted, dyadic, file, make, model
-from persid_check import prove_equilibrium
+from persid.lyapunov.operating_points import proved_radius
+from persid_check import canonical_model
+from persid_check.model import model_of
 from places import VALID
 
 Certificate = dict[str, Any]
@@ -99,7 +101,7 @@ def _shifted() -> Certificate:
 def _ball() -> Certificate:
     """The same model about its equilibrium for u = 1, which lies in a proved ball."""
     x = Fraction(round(1.2134116627622296 * 2**40), 2**40)
-    radius = prove_equilibrium(OFFSET, [x], [Fraction(1)]) or Fraction(0)
+    radius = proved_radius(model_of(canonical_model(OFFSET)), [x], [Fraction(1)]) or Fraction(0)
     return make(Wanted(OFFSET, [[(1, 0), (0, 1)]], point=([x], radius, [1])))
 
 

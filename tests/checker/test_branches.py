@@ -16,6 +16,7 @@ from checker.maker import data, model
 from checker.test_hostile import SPARSE
 from checker.test_network_attacks import TANH, N, Network, columns, dyadic, packed
 from checker.test_outputs import plain
+from persid.lyapunov.operating_points import proved_radius
 from persid_check import (
     Accepted,
     Malformed,
@@ -25,19 +26,18 @@ from persid_check import (
     companion,
     exact,
     model_sha256,
-    prove_equilibrium,
 )
 from persid_check.__main__ import main
+from persid_check.canonical import canonical_outputs, output_sha256
 from persid_check.enclosure import Interval, UndefinedError, constant
 from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import ExpressionError, parse
 from persid_check.json_text import MAX_LISTS, read
-from persid_check.model import read_model
+from persid_check.model import model_of
 from persid_check.networks import certificate as network_file
 from persid_check.networks import cone, nodes, table
 from persid_check.networks.cone import generators
-from persid_check.outputs import canonical_outputs, output_sha256
 from persid_check.refutations import format as refuted
 from persid_check.results import FormatError, NotProvedError
 from persid_check.search import prover
@@ -137,7 +137,7 @@ def test_a_model_is_an_object(value: Any) -> None:
 
 def test_a_term_is_an_object() -> None:
     """A plain model whose term is a number is malformed."""
-    with pytest.raises(FormatError, match="an object with f, R and A"):
+    with pytest.raises(FormatError, match="an object with f, R, A"):
         canonical_model({**model([], [[-1]]), "terms": [3]})
 
 
@@ -161,10 +161,10 @@ def test_a_product_of_long_numbers_is_refused(monkeypatch: pytest.MonkeyPatch) -
 
 def test_an_equilibrium_that_is_none_is_not_proved() -> None:
     """No radius is found about a point that is none, a ball has a radius >= 0, and a pole is no equilibrium."""
-    read = read_model(model([], [[-1]]))
-    assert prove_equilibrium(model([], [[-1]]), [1], [0]) is None
+    read = model_of(canonical_model(model([], [[-1]])))
+    assert proved_radius(read, [1], [0]) is None
     assert not has_unique_equilibrium(read, [Fraction(0)], Fraction(-1), [Fraction(0)])
-    pole = read_model(model([("1/x", None, [[-1]])], [[-1]]))
+    pole = model_of(canonical_model(model([("1/x", None, [[-1]])], [[-1]])))
     assert not has_unique_equilibrium(pole, [Fraction(0)], Fraction(1), [Fraction(0)])
 
 

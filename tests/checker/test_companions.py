@@ -17,7 +17,7 @@ from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import separated
 from persid.models.sparse import archive
 from persid_check import Accepted, Malformed, Rejected, check, exact
-from persid_check.ledger import check as ledger_check
+from persid_check.ledger import arrays as ledger_arrays
 
 Arrays = dict[str, np.ndarray]
 
@@ -137,9 +137,9 @@ def test_a_companion_is_needed_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(check(file), Malformed)
     assert isinstance(check(file, arrays=beside + b"0"), Malformed)
     assert isinstance(check(file.replace(b"a.npz", b"../a.npz"), arrays=beside), Malformed)
-    monkeypatch.setattr(ledger_check, "LONGEST", len(beside) - 1)
+    monkeypatch.setattr(ledger_arrays, "LONGEST", len(beside) - 1)
     assert isinstance(check(file, arrays=beside), Malformed)
-    monkeypatch.setattr(ledger_check, "LONGEST", len(beside))
+    monkeypatch.setattr(ledger_arrays, "LONGEST", len(beside))
     assert isinstance(check(file, arrays=beside), Accepted)
     monkeypatch.setitem(__import__("sys").modules, "numpy", None)
     answer = check(file, arrays=beside)

@@ -24,11 +24,12 @@ from persid_check import (
     Rejected,
     canonical_model,
     check,
-    groups,
     is_positive_definite,
     model_sha256,
 )
 from persid_check.expression import ExpressionError, parse
+from persid_check.model import model_of
+from persid_check.subject import groups_of
 
 PLAIN = model([("tanh(x)", [[1, -1]], [[-1], [0.5]])], [[-1, 0], [0, -2]], n=2)
 RESULTS = (Accepted, Rejected, Malformed)
@@ -86,7 +87,8 @@ def test_malformed_models_are_refused_by_place(field: str, value: object) -> Non
 def test_groups_join_positive_multiples_only() -> None:
     """Rows that are positive multiples share a group; a negative multiple begins its own; f = x makes no channel."""
     rows = [[1, -1], [-1, 1], [3, -3], [0, 0], [0, 1]]
-    found = groups(model([("x", None, [[1, 0], [0, 1]]), ("tanh(x)", rows, [[1] * 5] * 2)], n=2))
+    form = canonical_model(model([("x", None, [[1, 0], [0, 1]]), ("tanh(x)", rows, [[1] * 5] * 2)], n=2))
+    found = groups_of(model_of(form))
     assert [group.members for group in found] == [((0, 1), (2, 3)), ((1, 1),), ((3, 1),), ((4, 1),)]
     assert found[0].row == {0: 1, 1: -1}
     assert found[2].row == {}
@@ -94,7 +96,8 @@ def test_groups_join_positive_multiples_only() -> None:
 
 def test_nearly_equal_rows_are_not_joined() -> None:
     """A row that is a multiple up to rounding only begins its own group."""
-    assert len(groups(model([("tanh(x)", [[0.1, 0.3], [0.2, 0.6], [0.3, 0.9]], [[1] * 3] * 2)], n=2))) == 2
+    form = canonical_model(model([("tanh(x)", [[0.1, 0.3], [0.2, 0.6], [0.3, 0.9]], [[1] * 3] * 2)], n=2))
+    assert len(groups_of(model_of(form))) == 2
 
 
 def test_definiteness_is_exact() -> None:

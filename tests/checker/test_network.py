@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import nnls
 
 from persid_check import Accepted, Malformed, Rejected, canonical_model, check, model_sha256
-from persid_check.model import read_model
+from persid_check.model import model_of
 from persid_check.networks.cone import generators
 from persid_check.networks.nodes import nodes_of
 from persid_check.networks.table import doubtful, table_of
@@ -236,14 +236,14 @@ def test_bounded_sums_never_prove_what_fractions_refute() -> None:
         n = 4
         A = [rng.normal(size=(n, n)) * 10.0 ** rng.integers(-3, 4, (n, n)) for _ in range(3)]
         subject = model(A[0].tolist(), [("tanh(x)", None, A[1].tolist()), ("x**3", None, A[2].tolist())])
-        nodes = nodes_of(read_model(subject))
+        nodes = nodes_of(model_of(canonical_model(subject)))
         rays = [(1, *rng.integers(-5, 6, 2).tolist())]
         w, kappa = 2.0 ** rng.integers(-3, 4, n), Fraction(1, 8)
         for k in range(n):  # move the diagonal so that the largest sum is zero up to a few units in the last place
             excess = exact_decrease(nodes, rays, w, kappa, k)
             A[0][k, k] -= float(excess / Fraction(w[k]))
             A[0][k, k] += (trial % 7 - 5) * np.spacing(np.abs(A[0]).max())
-        nodes = nodes_of(read_model({**subject, "A0": A[0].tolist()}))
+        nodes = nodes_of(model_of(canonical_model({**subject, "A0": A[0].tolist()})))
         left = set(doubtful(table_of(nodes), [rays], w, kappa).tolist())
         for k in set(range(n)) - left:
             assert exact_decrease(nodes, rays, w, kappa, k) <= 0

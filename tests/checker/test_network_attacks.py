@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from persid_check import Accepted, Malformed, Rejected, canonical_model, check, companion, model_sha256
-from persid_check.model import read_model, sha256_of
+from persid_check.model import model_of, sha256_of
 from persid_check.networks.cone import generators
 from persid_check.networks.nodes import nodes_of
 from persid_check.networks.table import Table, doubtful, table_of_sparse
@@ -459,7 +459,7 @@ def test_sparse_and_plain_models_have_the_same_nodes() -> None:
         term = {"f": [str(f) for f in rng.choice(texts, height)], "R": {"shape": [height, n]}, "A": None}
         terms = [term, {"f": "tanh(x)", "R": None, "A": None}]
         model = read_sparse({"format": "persid-model-1", "states": n, "terms": terms, "B": None}, arrays)
-        plain, table = nodes_of(read_model(filled(model))), table_of_sparse(model)
+        plain, table = nodes_of(model_of(canonical_model(filled(model)))), table_of_sparse(model)
         for k in range(n):
             assert plain.kinds[plain.kind[k]] == table.kinds[int(table.kind[k])]
             found = {i: tuple(row) for i, row in table.column(k).items() if any(row)}
@@ -469,7 +469,7 @@ def test_sparse_and_plain_models_have_the_same_nodes() -> None:
 def test_a_companion_of_a_small_model_is_summed_in_fractions() -> None:
     """Weights in a companion beside a plain model are exact as well: the gain is rounded up, not to the nearest."""
     model = {"format": "persid-model-1", "states": ["x1"], "inputs": ["u1"], "A0": [[-1]], "terms": [], "B": [[0.1]]}
-    plain = read_model(model)
+    plain = model_of(canonical_model(model))
     data = packed({"w": np.array([0.1])})
     form: dict[str, Any] = {}
 

@@ -10,8 +10,9 @@ import pytest
 from checker import named
 from checker.maker import Wanted, data, make, model
 from persid_check import Accepted, check
+from persid_check.canonical import canonical_outputs
 from persid_check.model import sha256_of
-from persid_check.outputs import FIELDS, FORMAT, canonical_outputs
+from persid_check.outputs import FIELDS, FORMAT
 
 Certificate = dict[str, Any]
 PLAIN = {"outputs": ["y"], "C": [[2.0]], "D": [[0.5, 0.0]], "d": [1.0]}
@@ -131,7 +132,7 @@ def the_hash_is_another() -> Certificate:
     return certificate
 
 
-@forged("outputs", "Malformed")
+@forged("outputs.D", "Malformed")
 def the_form_is_another() -> Certificate:
     return changed(plain(), D=None)
 

@@ -8,7 +8,8 @@ from persid._dyadics import exact
 from persid.certificates.curves import Curve, Curves, Use, dyadic, written_point
 from persid.certificates.ledger import with_proof
 from persid_check.ledger import FORMAT
-from persid_check.model import Group, Model, groups_of, model_of
+from persid_check.model import Model, model_of
+from persid_check.subject import Group, groups_of
 from persid_check.version_1.format import WORDS
 
 Json = dict[str, Any]

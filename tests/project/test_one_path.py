@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import persid as ps
-import persid_check
 from persid.measurements import trajectories
+from persid.models import model
 from persid.reports.verdict_files import read_verdict, write_verdict
 
 
@@ -28,7 +28,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     counted(trajectories, "run_moments")
     counted(ps.PersidskiiModel, "to_dict")
-    counted(persid_check, "canonical_model")
+    counted(model, "canonical_model")
     return found
 
 

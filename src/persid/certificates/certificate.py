@@ -23,8 +23,9 @@ from persid.errors import ModelError, PersidError
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid.models.sparse import archive
-from persid_check import companion, reading
-from persid_check.fields import ALGEBRAIC
+from persid_check import companion
+from persid_check.ledger.arrays import filled
+from persid_check.model import ALGEBRAIC
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ class Certificate:
         content = json_object(self.data)
         if self.arrays is None:
             return content
-        return content | {"model": reading.filled(content["model"], companion.read(self.arrays))}
+        return content | {"model": filled(content["model"], companion.read(self.arrays))}
 
     @cached_property
     def model(self) -> Any:

@@ -16,7 +16,8 @@ from persid._files import Json
 from persid_check.ledger import FORMAT as LEDGER
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
-from persid_check.model import Model, groups_of, model_of
+from persid_check.model import Model, model_of
+from persid_check.subject import groups_of
 from persid_check.version_1.format import WORDS
 
 Row = Mapping[int, Fraction]

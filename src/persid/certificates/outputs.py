@@ -10,12 +10,12 @@ from persid.certificates.partitions import cuts_of, cuts_of_continuity
 from persid.errors import ModelError, RoundingError
 from persid.lyapunov.sectors import steepest
 from persid.models.outputs import OutputModel
+from persid_check.canonical import canonical_outputs, output_sha256
 from persid_check.definite import Root, proof_of
 from persid_check.expression import parse
 from persid_check.ledger.assembly import assemble
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.lemmas import Lemma
-from persid_check.outputs import canonical_outputs, output_sha256
 
 DIGITS = 53  # of a constant's mantissa
 

@@ -5,21 +5,26 @@ In discrete time they are fixed points, the zeros of x+ - x.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
+from flint import ctx
 from jaxtyping import Float
 from numpy import ndarray
 
-import persid_check
 from persid._dyadics import dyadic, dyadics, value
 from persid._files import Json
 from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
+from persid_check.enclosure import PRECISION
+from persid_check.equilibrium import has_unique_equilibrium
+from persid_check.model import Model, model_of
 
 STARTS = 160  # points from which the search sets out, for up to 20 states
 STEPS = 60  # from each of them
 LONGEST = 2.0  # in units
 CLOSE = 1e-10  # in units: no further step is worth while
+RADII = tuple(Fraction(1, 2**k) for k in (48, 40, 32, 24, 16, 10))  # tried in this order, times the size of x
 REACH = 4.0  # starts fill the box of the data, enlarged this many times about its centre
 
 
@@ -114,8 +119,21 @@ def vector(name: str, given: object, size: int) -> ndarray:
 
 def prove(model: PersidskiiModel, x: Float[ndarray, " n"], u: Float[ndarray, " m"]) -> OperatingPoint | None:
     """Return the equilibrium near x as a proved ball, or None where the proof fails."""
-    ball = persid_check.prove_equilibrium(model.canonical, x.tolist(), u.tolist())
-    return None if ball is None else OperatingPoint(x, float(ball), u)
+    radius = proved_radius(model_of(model.canonical, discrete=True), x.tolist(), u.tolist())
+    return None if radius is None else OperatingPoint(x, float(radius), u)
+
+
+def proved_radius(model: Model, x: Sequence[float | Fraction], u: Sequence[float | Fraction]) -> Fraction | None:
+    """Return a radius r such that exactly one equilibrium for the constant input u lies in |x* - x|_inf <= r, or None.
+
+    The radius 0 means that x itself is an equilibrium, exactly. In discrete time equilibria are fixed points.
+    """
+    centre, inputs = [Fraction(v) for v in x], [Fraction(v) for v in u]
+    scale = Fraction(2) ** int(1 + max(map(abs, centre), default=Fraction(0))).bit_length()
+    resting = model.resting
+    with ctx.workprec(PRECISION):
+        radii = (Fraction(0), *(radius * scale for radius in RADII))
+        return next((r for r in radii if has_unique_equilibrium(resting, centre, r, inputs)), None)
 
 
 def residual(

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-import persid_check
 from persid._files import Json, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
@@ -19,7 +18,8 @@ from persid.models.arguments import distinct_names, finite_array, plain_model, s
 from persid.models.channels import Channels
 from persid.models.elimination import Equations, integrate
 from persid.models.model import Input, PersidskiiModel
-from persid_check.fields import ALGEBRAIC
+from persid_check.canonical import canonical_model
+from persid_check.model import ALGEBRAIC, sha256_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,12 +245,12 @@ class DescriptorModel:
     @cached_property
     def canonical(self) -> Json:
         """The form that proofs hold and that is hashed: numbers as hexadecimal floats."""
-        return persid_check.canonical_model(self.to_dict())
+        return canonical_model(self.to_dict())
 
     @cached_property
     def sha256(self) -> str:
         """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
-        return persid_check.model.sha256_of(self.canonical)
+        return sha256_of(self.canonical)
 
     def save(self, path: str | Path) -> None:
         """Write `model.json`: reading it gives the same binary64 numbers back. Written beside, then renamed."""

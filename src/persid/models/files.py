@@ -8,7 +8,7 @@ from persid.errors import ModelError
 from persid.models import outputs
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
-from persid_check.fields import ALGEBRAIC
+from persid_check.model import ALGEBRAIC
 
 
 def load_model(path: str | Path) -> PersidskiiModel | outputs.OutputModel | DescriptorModel:

@@ -12,7 +12,6 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.sparse import csc_array
 
-import persid_check
 from persid._files import Json, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
@@ -33,6 +32,9 @@ from persid.models.arguments import (
 from persid.models.channels import Channels, Term
 from persid.models.sparse import Compressed, Sparse
 from persid.models.vector_field import VectorField
+from persid_check import companion, sparse
+from persid_check.canonical import canonical_model, holds_objects
+from persid_check.model import sha256_of
 
 FORMAT = "persid-model-1"
 
@@ -352,7 +354,7 @@ class PersidskiiModel:
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise ModelError(f'a model has "format": "{FORMAT}"')
         unknown_fields(data, _FIELDS, {"states", "B", "terms"})
-        if persid_check.model.holds_objects(data):
+        if holds_objects(data):
             return cls(**columns.load(data, folder))
         check_kinds(data)
         values: Json = {name: data.get(name) for name in _FIELDS if name not in ("format", "time")}
@@ -373,7 +375,7 @@ class PersidskiiModel:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 over the canonical JSON of the model (hexadecimal floats, without provenance)."""
-        return persid_check.model.sha256_of(self.canonical)
+        return sha256_of(self.canonical)
 
     @cached_property
     def canonical(self) -> Json:
@@ -381,14 +383,14 @@ class PersidskiiModel:
 
         `from_canonical` is the way back.
         """
-        return self.compressed().exact.form() if self.is_large else persid_check.canonical_model(self.to_dict())
+        return self.compressed().exact.form() if self.is_large else canonical_model(self.to_dict())
 
     @classmethod
     def from_canonical(cls, form: Mapping[str, object], arrays: bytes | None = None) -> "PersidskiiModel":
         """Return the model of a canonical form; of a large one `arrays` are the bytes of the companion."""
         if arrays is None:
             return cls.from_dict(plain_model(dict(form)))
-        found = persid_check.sparse.read_sparse(form, persid_check.companion.read(arrays))
+        found = sparse.read_sparse(form, companion.read(arrays))
         return cls(**columns.arguments(found))
 
 

@@ -22,6 +22,8 @@ from persid.errors import ModelError, RejectedError
 from persid.models import sparse as columns
 from persid.models.model import PersidskiiModel
 from persid.networks.weights import Network, Perron, Weights, find_weights, network
+from persid_check.entry import Entry
+from persid_check.model import model_of
 from persid_check.networks.members import Members, read_members
 from persid_check.networks.nodes import nodes_of
 from persid_check.networks.table import Table, table_of, table_of_sparse
@@ -103,7 +105,7 @@ class NetworkCertificate:
     def members(self) -> Members | None:
         """The ellipsoids of coefficients of which the claim speaks; None where it speaks of the model alone."""
         listed = self.content.get("deviations")
-        return None if listed is None else read_members(listed, persid_check.model.read_model(self.content["model"]))
+        return None if listed is None else read_members(Entry(listed, "deviations"), model_of(self.content["model"]))
 
     @property
     def further(self) -> tuple[str, ...]:
@@ -201,7 +203,7 @@ def table(model: PersidskiiModel) -> Table | None:
     try:
         if model.is_large:
             return table_of_sparse(model.compressed().exact)
-        return table_of(nodes_of(persid_check.model.read_model(model.canonical)))
+        return table_of(nodes_of(model_of(model.canonical)))
     except NotProvedError:
         return None
 

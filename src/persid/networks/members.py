@@ -18,7 +18,7 @@ from persid.lyapunov.deviations import Deviation
 from persid.models.model import PersidskiiModel
 from persid.networks.certificate import NetworkCertificate, prove, table
 from persid.networks.weights import Network, Weights, find_weights, laid_out, network
-from persid_check.model import read_model
+from persid_check.model import model_of
 from persid_check.networks.members import Members
 
 
@@ -53,7 +53,7 @@ def _widened(net: Network, model: PersidskiiModel, listed: Sequence[tuple[int, F
     """Return a network whose entries are larger by |C_i E_k v|, all of them kept."""
     n, width = net.table.n, len(net.table.values)
     at = np.full((n, width), -1)
-    for entry, (k, slot) in Members(read_model(model.canonical), ()).places.items():
+    for entry, (k, slot) in Members(model_of(model.canonical), ()).places.items():
         at[k, slot] = entry
     N, d = [], net.d.copy()
     for r, ray in enumerate(laid_out(net.cones, width)[:, net.table.kind]):

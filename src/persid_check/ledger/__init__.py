@@ -2,3 +2,4 @@
 
 FORMAT = "persid-certificate-2"
 MAX_BYTES = 2**24
+COMPANION = "companion"  # the field that names one, which a file may lack

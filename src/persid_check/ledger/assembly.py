@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from persid_check.entry import Lower
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix, scattered, zeros
 from persid_check.ledger.identities import form_of_identity
 from persid_check.ledger.values import Fact, Ledger, Row
-from persid_check.reading import Lower
 from persid_check.results import NotProvedError
 from persid_check.work import spend
 

@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from persid_check.identity import Meant, require_same
-from persid_check.ledger import MAX_BYTES
-from persid_check.ledger.file import COMPANION, read_ledger
+from persid_check.ledger import COMPANION, MAX_BYTES
+from persid_check.ledger.file import read_ledger
 from persid_check.ledger.further import has_feedback
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
-from persid_check.reading import read_object
 from persid_check.results import Accepted, FormatError, NotProvedError
 from persid_check.work import limited
 
@@ -21,7 +20,6 @@ STEPS = 2 * 10**5  # that the proofs of a file may take, and more for each byte
 STEPS_OF_A_BYTE = 16
 MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
 MOST_OF_A_BYTE = 8
-LONGEST = 2**28  # bytes of a companion
 ENTRIES = 10**6  # of a matrix, and more for each byte
 
 
@@ -39,7 +37,7 @@ def check_ledger(
     """
     if size > MAX_BYTES:
         raise FormatError("file", f"more than {MAX_BYTES} bytes")
-    arrays = gathered(data, folder, content)
+    arrays = {} if data.get(COMPANION) is None else _gathered(data, folder, content)
     ledger = read_ledger(data, arrays)
     require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
     width = ledger.entries + ledger.inputs + sum(len(deviation.columns) for deviation in ledger.deviations)
@@ -58,18 +56,7 @@ def check_ledger(
     return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), names)
 
 
-def gathered(data: Mapping[str, object], folder: Path | None, content: bytes | None) -> "Arrays":
-    """Return the arrays of the companion that a file names, none where it names none.
+def _gathered(data: Mapping[str, object], folder: Path | None, content: bytes | None) -> "Arrays":
+    from persid_check.ledger.arrays import gathered
 
-    Raises:
-        FormatError: the companion is not as specified, or NumPy, which reads it, is not at hand.
-    """
-    if data.get(COMPANION) is None:
-        return {}
-    entry = read_object(COMPANION, data[COMPANION], ("npz", "sha256"))
-    try:
-        from persid_check.companion import load
-
-        return load(entry, COMPANION, folder, content, LONGEST)
-    except ImportError:
-        raise FormatError(COMPANION, "NumPy is needed to read it: pip install numpy") from None
+    return gathered(data, folder, content)

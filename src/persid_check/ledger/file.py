@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from persid_check.definite import Root
-from persid_check.expression import MAX_LENGTH_WITH_TABLES, ExpressionError, Program, parse
-from persid_check.fields import ALGEBRAIC
-from persid_check.ledger import FORMAT
+from persid_check.entry import MAX_BITS, Entry, Factor, Row
+from persid_check.expression import MAX_LENGTH_WITH_TABLES, Program
+from persid_check.ledger import COMPANION, FORMAT
 from persid_check.ledger.lemmas import Cuts, positions
 from persid_check.ledger.values import (
     Algebraic,
@@ -26,45 +26,22 @@ from persid_check.ledger.values import (
     Point,
     ProductForm,
     Reach,
-    Row,
     Upper,
 )
-from persid_check.model import Model
+from persid_check.model import ALGEBRAIC, Model, read_model
 from persid_check.outputs import FIELDS as OUTPUT_FIELDS
-from persid_check.outputs import read_stated, rows_of
-from persid_check.reading import (
-    MAX_BITS,
-    MAX_EXPONENT,
-    MAX_FORMS,
-    Factor,
-    filled,
-    read_ball,
-    read_dropped,
-    read_dyadic,
-    read_dyadics,
-    read_factor,
-    read_gamma,
-    read_index,
-    read_integer,
-    read_list,
-    read_nonnegative,
-    read_object,
-    read_P,
-    read_root,
-    read_row,
-    read_text,
-    read_written,
-)
-from persid_check.results import FormatError
+from persid_check.outputs import read_outputs, require_stated
+from persid_check.reading import MAX_FORMS, read_ball, read_gamma, read_P
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
+    from persid_check.digits import Digits
 
-COMPANION = "companion"  # the one field that a file may lack
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
-ENTRIES_OF_A_FACT = {"value": 4, "one_signed": 5, "difference": 6, "constant": 3, "slope": 4}
-OPTIONAL_FACTS = ("slope", "identity")  # that a file may lack
+ENTRIES_OF_A_FACT = {"value": 4, "one_signed": 5, "difference": 6, "constant": 3}
+MORE_FACTS = {"slope": 4}  # lists that a file may lack
+MAX_FUNCTIONS, MAX_CURVES, MAX_POINTS = 3000, 3000, 10000
 
 FIELDS = (
     "format", "claim", "statement", "model_sha256", "model", "operating_point", "curves", "points", "facts", "P",
@@ -72,342 +49,272 @@ FIELDS = (
 )  # fmt: skip
 
 
-def read_ledger(data: object, arrays: "Arrays | None" = None) -> Ledger:
+def read_ledger(data: Mapping[str, object], arrays: "Arrays | None" = None) -> Ledger:
     """Return the value of a certificate's JSON object; what its companion holds is in the arrays.
 
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    stated = data.get("model") if isinstance(data, dict) else None
+    stated = data.get("model")
     equations = isinstance(stated, dict) and ALGEBRAIC in stated
-    companion = isinstance(data, dict) and COMPANION in data and not equations
-    data = read_object("file", data, (*FIELDS, *[COMPANION] * companion, *[ALGEBRAIC] * equations))
-    if data["format"] != FORMAT:
-        raise FormatError("format", f'"{FORMAT}" is needed')
-    if equations and (data["outputs"] != [] or data["deviations"] != []):
-        raise FormatError("outputs, deviations", "a model with algebraic variables has none here")
-    claim = _one_of("claim", data["claim"], CLAIMS)
-    read_text("statement", data["statement"], 5000)
-    sha256 = read_text("model_sha256", data["model_sha256"], 64)
-    form: Any = filled(data["model"], arrays or {})
-    model = read_written(form, discrete=True, algebraic=True)
-    n, m, entries = model.n, model.m, model.n + len(model.channels)
-    ball = None if data["operating_point"] is None else read_ball("operating_point", data["operating_point"], model)
-    v = m + (ball is None and any(model.b))
-    curves = tuple(_curve(f"curves[{i}]", value) for i, value in enumerate(_short("curves", data["curves"], 3000)))
-    points = tuple(
-        _point(f"points[{i}]", value, curves, model) for i, value in enumerate(_short("points", data["points"], 10000))
-    )
-    stored, inside = _inside(data["P"], len(model.channels))
-    diagonal, P = read_P(stored, model.order + len(inside))
+    given = Entry(data).fields((*FIELDS, *[ALGEBRAIC] * equations), [COMPANION] * (not equations))
+    if given["format"].value != FORMAT:
+        given["format"].refuse(f'"{FORMAT}" is needed')
+    if equations and (given["outputs"].value != [] or given["deviations"].value != []):
+        given[ALGEBRAIC].refuse("a model with algebraic variables has no outputs and no deviations here")
+    claim = given["claim"].one_of(CLAIMS)
+    given["statement"].text(5000)
+    form: Any = _filled(stated, arrays) if arrays else stated
+    model = read_model(Entry(form, "model"), discrete=True, algebraic=True)
+    point = given["operating_point"]
+    ball = None if point.value is None else read_ball(point, model)
+    v, entries = model.m + (ball is None and any(model.b)), model.n + len(model.channels)
+    curves = tuple(map(_curve, given["curves"].items(longest=MAX_CURVES)))
+    points = tuple(_point(each, curves, model) for each in given["points"].items(longest=MAX_POINTS))
+    P, inside = _inside(given["P"], len(model.channels))
+    diagonal, P_rows = read_P(P, model.order + len(inside))
+    facts = given["facts"].fields(tuple(ENTRIES_OF_A_FACT), (*MORE_FACTS, "identity"))
     return Ledger(
         claim=claim,
-        sha256=sha256,
+        sha256=given["model_sha256"].text(64),
         form=form,
         model=model,
         ball=ball,
         curves=curves,
         points=points,
-        facts=_facts(data["facts"], curves, points),
-        identity=_identity(data["facts"], entries),
+        facts=_facts(facts, curves, points),
+        identity=_identity(facts["identity"], entries) if "identity" in facts else (),
         diagonal=diagonal,
-        P=P,
+        P=P_rows,
         inside=inside,
-        gamma=read_gamma(data["gamma"], v),
-        deviations=tuple(
-            _deviation(f"deviations[{j}]", value, n, entries + v) for j, value in _listed("deviations", data)
-        ),
-        dropped=read_dropped(data["dropped"], entries),
-        spanning=_spanning(data["spanning"], curves, points),
-        kappa=read_dyadic("kappa", data["kappa"]),
-        p=read_dyadic("p", data["p"]),
-        strips=tuple(_strip(f"strips[{i}]", value, n) for i, value in _listed("strips", data)),
-        level=read_dyadic("level", data["level"]),
-        input_bound=read_dyadic("input_bound", data["input_bound"]),
-        outputs=_outputs(data["outputs"], form),
-        proof=_proof(data["proof"], arrays or {}),
-        algebraic=(
-            _algebraic(data[ALGEBRAIC], curves, points, model, v, regional=claim == "region") if equations else None
-        ),
+        gamma=read_gamma(given["gamma"], v),
+        deviations=tuple(_deviation(each, model.n, entries + v) for each in given["deviations"].items()),
+        dropped=given["dropped"].indices(entries),
+        spanning=tuple(_spanning(each, curves, points) for each in given["spanning"].items()),
+        kappa=given["kappa"].dyadic(),
+        p=given["p"].dyadic(),
+        strips=tuple(_strip(each, model.n) for each in given["strips"].items()),
+        level=given["level"].dyadic(),
+        input_bound=given["input_bound"].dyadic(),
+        outputs=_outputs(given["outputs"], form, model) if given["outputs"].value != [] else None,
+        proof=_proof(given["proof"], arrays or {}),
+        algebraic=_algebraic(given[ALGEBRAIC], curves, points, model, v, claim) if equations else None,
     )
 
 
-def _listed(name: str, data: Mapping[str, object]) -> list[tuple[int, object]]:
-    return list(enumerate(read_list(name, data[name])))
-
-
-def _inside(stored: object, count: int) -> tuple[object, tuple[int, ...]]:
+def _inside(P: Entry, count: int) -> tuple[Entry, tuple[int, ...]]:
     """Return P without its channels, and these."""
-    if not isinstance(stored, dict) or "channels" not in stored:
-        return stored, ()
-    listed = read_list("P.channels", stored["channels"])
-    inside = tuple(read_index(f"P.channels[{i}]", c, count) for i, c in enumerate(listed))
+    if not isinstance(P.value, dict) or "channels" not in P.value:
+        return P, ()
+    channels = P.fields(("lower", "channels"))["channels"]
+    inside = tuple(each.index(count) for each in channels.items())
     if not inside or any(a >= b for a, b in pairwise(inside)):
-        raise FormatError("P.channels", "channels rise, and there is one at least")
-    return read_object("P", {name: rows for name, rows in stored.items() if name != "channels"}, ("lower",)), inside
+        channels.refuse("channels rise, and there is one at least")
+    return Entry({"lower": P.value["lower"]}, "P"), inside
 
 
-def _short(where: str, value: object, longest: int) -> list[object]:
-    found = read_list(where, value)
-    if len(found) > longest:
-        raise FormatError(where, f"at most {longest} are read")
-    return found
-
-
-def _one_of(where: str, value: object, known: Sequence[str]) -> str:
-    if not isinstance(value, str) or value not in known:
-        raise FormatError(where, f"one of {', '.join(known)} is needed")
-    return value
-
-
-def _cuts(where: str, value: object) -> Cuts:
-    exponent, listed = read_list(where, value, 2)
-    if abs(read_integer(f"{where}[0]", exponent, 64)) > MAX_EXPONENT:
-        raise FormatError(where, f"an exponent of at most {MAX_EXPONENT} is needed")
-    cuts = [read_integer(f"{where}[1][{i}]", m, MAX_BITS) for i, m in enumerate(read_list(f"{where}[1]", listed))]
+def _cuts(entry: Entry) -> Cuts:
+    exponent, listed = entry.items(2)
+    cuts = [m.integer(MAX_BITS) for m in listed.items()]
     if not cuts or any(a >= b for a, b in pairwise(cuts)):
-        raise FormatError(where, "cuts rise, and there is one at least")
-    return positions(cuts, exponent)
+        entry.refuse("cuts rise, and there is one at least")
+    return positions(cuts, exponent.exponent())
 
 
-def _curve(where: str, value: object) -> Curve:
-    fields = ("functions", "shift", "domain", "continuous", "forms", "products")
-    value = read_object(where, value, fields)
-    functions = tuple(
-        _function(f"{where}.functions[{j}]", pair)
-        for j, pair in enumerate(_short(f"{where}.functions", value["functions"], 3000))
-    )
-    rows = _short(f"{where}.forms", value["forms"], MAX_FORMS)
-    forms = tuple(_form(f"{where}.forms[{k}]", row, 1 + len(functions), len(rows)) for k, row in enumerate(rows))
-    products = tuple(
-        _product(f"{where}.products[{j}]", row, len(forms))
-        for j, row in enumerate(_short(f"{where}.products", value["products"], MAX_FORMS))
-    )
-    return Curve(
-        functions,
-        _shift(f"{where}.shift", value["shift"]),
-        None if value["domain"] is None else _pair(f"{where}.domain", value["domain"]),
-        _cuts(f"{where}.continuous", value["continuous"]),
-        forms,
-        products,
-    )
+def _curve(entry: Entry) -> Curve:
+    given = entry.fields(("functions", "shift", "domain", "continuous", "forms", "products"))
+    functions = tuple(map(_function, given["functions"].items(longest=MAX_FUNCTIONS)))
+    rows = given["forms"].items(longest=MAX_FORMS)
+    forms = tuple(_form(row, 1 + len(functions), len(rows)) for row in rows)
+    products = tuple(_product(row, len(forms)) for row in given["products"].items(longest=MAX_FORMS))
+    domain = None if given["domain"].value is None else _pair(given["domain"])
+    return Curve(functions, _shift(given["shift"]), domain, _cuts(given["continuous"]), forms, products)
 
 
-def _function(where: str, value: object) -> tuple[Program, Fraction]:
-    text, alpha = read_list(where, value, 2)
-    try:
-        program = parse(read_text(where, text, MAX_LENGTH_WITH_TABLES))
-    except ExpressionError as error:
-        raise FormatError(where, str(error)) from None
-    scale = read_dyadic(where, alpha)
-    if scale <= 0:
-        raise FormatError(where, "a factor is positive")
-    return program, scale
+def _function(entry: Entry) -> tuple[Program, Fraction]:
+    text, factor = entry.items(2)
+    text.text(MAX_LENGTH_WITH_TABLES)
+    alpha = factor.dyadic()
+    if alpha <= 0:
+        factor.refuse("a factor is positive")
+    return text.program(), alpha
 
 
-def _pair(where: str, value: object) -> tuple[Fraction, Fraction]:
-    first, second = read_dyadics(where, value, 2)
+def _pair(entry: Entry) -> tuple[Fraction, Fraction]:
+    first, second = entry.dyadics(2)
     return first, second
 
 
-def _shift(where: str, value: object) -> tuple[Fraction, Fraction] | str | None:
-    if value is None or (isinstance(value, str) and value == "any"):
-        return value
-    center, radius = _pair(where, value)
-    if radius < 0:
-        raise FormatError(where, "a radius is not negative")
-    return center, radius
+def _shift(entry: Entry) -> tuple[Fraction, Fraction] | str | None:
+    if entry.value is None or entry.value == "any":
+        return None if entry.value is None else "any"
+    center, radius = entry.items(2)
+    return center.dyadic(), radius.nonnegative()
 
 
-def _form(where: str, value: object, size: int, count: int) -> Form:
-    value = read_object(where, value, ("l", "is", "cuts", "offset", "upper", "lower"))
-    kind = _one_of(f"{where}.is", value["is"], KINDS)
-    offset = read_nonnegative(f"{where}.offset", value["offset"])
+def _form(entry: Entry, size: int, count: int) -> Form:
+    given = entry.fields(("l", "is", "cuts", "offset", "upper", "lower"))
+    kind, offset = given["is"].one_of(KINDS), given["offset"].nonnegative()
+    upper, lower = given["upper"], given["lower"]
     if offset and kind != "offset":
-        raise FormatError(f"{where}.offset", "only an offset form has one")
-    lower = value["lower"]
-    if lower is not None:
-        d, j = read_list(f"{where}.lower", lower, 2)
-        lower = (read_nonnegative(f"{where}.lower", d), read_index(f"{where}.lower", j, count))
+        given["offset"].refuse("only an offset form has one")
     return Form(
-        read_dyadics(f"{where}.l", value["l"], size),
+        given["l"].dyadics(size),
         kind,
-        _cuts(f"{where}.cuts", value["cuts"]),
+        _cuts(given["cuts"]),
         offset,
-        None if value["upper"] is None else _upper(f"{where}.upper", value["upper"]),
-        lower,
+        None if upper.value is None else _upper(upper),
+        None if lower.value is None else _lower(lower, count),
     )
 
 
-def _upper(where: str, value: object) -> Upper:
-    c, e, cuts = read_list(where, value, 3)
-    found = None if cuts is None else _cuts(where, cuts)
-    return Upper(read_nonnegative(where, c), read_nonnegative(where, e), found)
+def _upper(entry: Entry) -> Upper:
+    c, e, cuts = entry.items(3)
+    return Upper(c.nonnegative(), e.nonnegative(), None if cuts.value is None else _cuts(cuts))
 
 
-def _product(where: str, value: object, count: int) -> ProductForm:
-    k, q, c, cuts = read_list(where, value, 4)
-    return ProductForm(
-        read_index(where, k, count), read_index(where, q, count), read_dyadic(where, c), _cuts(where, cuts)
-    )
+def _lower(entry: Entry, count: int) -> tuple[Fraction, int]:
+    d, j = entry.items(2)
+    return d.nonnegative(), j.index(count)
 
 
-def _point(where: str, value: object, curves: Sequence[Curve], model: Model) -> Point:
-    value = read_object(where, value, ("curve", "row", "channels", "densities"))
-    place = read_index(f"{where}.curve", value["curve"], len(curves))
+def _product(entry: Entry, count: int) -> ProductForm:
+    k, q, c, cuts = entry.items(4)
+    return ProductForm(k.index(count), q.index(count), c.dyadic(), _cuts(cuts))
+
+
+def _point(entry: Entry, curves: Sequence[Curve], model: Model) -> Point:
+    given = entry.fields(("curve", "row", "channels", "densities"))
+    place = given["curve"].index(len(curves))
     curve = curves[place]
-    listed = read_list(f"{where}.channels", value["channels"], len(curve.functions))
-    channels = tuple(read_index(f"{where}.channels[{j}]", c, len(model.channels)) for j, c in enumerate(listed))
-    densities = []
-    for i, pair in enumerate(read_list(f"{where}.densities", value["densities"])):
-        k, mu = read_list(f"{where}.densities[{i}]", pair, 2)
-        k = read_index(f"{where}.densities[{i}]", k, len(curve.forms))
-        densities.append((k, read_nonnegative(f"{where}.densities[{i}]", mu)))
-    return Point(place, read_row(f"{where}.row", value["row"], model.n), channels, tuple(densities))
+    channels = tuple(c.index(len(model.channels)) for c in given["channels"].items(len(curve.functions)))
+    pairs = [pair.items(2) for pair in given["densities"].items()]
+    densities = tuple((k.index(len(curve.forms)), mu.nonnegative()) for k, mu in pairs)
+    return Point(place, given["row"].row(model.n), channels, densities)
 
 
-def _identity(value: object, entries: int) -> tuple[tuple[int, int, Fraction], ...]:
+def _identity(entry: Entry, entries: int) -> tuple[tuple[int, int, Fraction], ...]:
     """Return (i, j, sigma), i >= j, each place once at most."""
-    found = []
-    for k, entry in enumerate(read_list("facts.identity", _lists_of_facts(value).get("identity", []))):
-        where = f"facts.identity[{k}]"
-        i, j, sigma = read_list(where, entry, 3)
-        found.append((read_index(where, i, entries), read_index(where, j, entries), read_dyadic(where, sigma)))
-    places = [(i, j) for i, j, _ in found]
-    if any(j > i for i, j in places) or any(a >= b for a, b in pairwise(places)):
-        raise FormatError("facts.identity", "places (i, j) with i >= j rise")
-    return tuple(found)
+    listed = [each.items(3) for each in entry.items()]
+    found = tuple((i.index(entries), j.index(entries), sigma.dyadic()) for i, j, sigma in listed)
+    if any(j > i for i, j, _ in found) or any(a[:2] >= b[:2] for a, b in pairwise(found)):
+        entry.refuse("places (i, j) with i >= j rise")
+    return found
 
 
-def _facts(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
-    lists, found = _lists_of_facts(value), []
-    for kind, width in ENTRIES_OF_A_FACT.items():
-        for i, entry in enumerate(read_list(f"facts.{kind}", lists.get(kind, []))):
-            where = f"facts.{kind}[{i}]"
-            found.append(_fact(where, kind, read_list(where, entry, width), curves, points))
-    return tuple(found)
+def _facts(lists: Mapping[str, Entry], curves: Sequence[Curve], points: Sequence[Point]) -> tuple[Fact, ...]:
+    widths = (ENTRIES_OF_A_FACT | MORE_FACTS).items()
+    listed = ((kind, each.items(width)) for kind, width in widths if kind in lists for each in lists[kind].items())
+    return tuple(_fact(kind, each, curves, points) for kind, each in listed)
 
 
-def _lists_of_facts(value: object) -> Mapping[str, object]:
-    optional = [name for name in OPTIONAL_FACTS if isinstance(value, dict) and name in value]
-    needed = [name for name in ENTRIES_OF_A_FACT if name not in OPTIONAL_FACTS]
-    return read_object("facts", value, (*needed, *optional))
-
-
-def _fact(where: str, kind: str, entry: list[object], curves: Sequence[Curve], points: Sequence[Point]) -> Fact:
-    *places, tau = entry
-    p = q = read_index(where, places[0], len(points))
-    sign = 0
-    if kind == "constant":
-        k = l = read_index(where, places[1], len(curves[points[p].curve].products))  # noqa: E741
-        return Fact(kind=kind, p=p, q=q, sign=sign, k=k, l=l, tau=read_nonnegative(where, tau))
+def _fact(kind: str, entries: Sequence[Entry], curves: Sequence[Curve], points: Sequence[Point]) -> Fact:
+    """[p, k, l, tau]; of a difference [p, q, sign, k, l, tau]; one-signed [p, k, q, l, tau]; constant [p, j, tau]."""
+    at, *places, tau = entries
+    other, sign = at, 0
     if kind == "one_signed":
-        q, places = read_index(where, places[2], len(points)), [places[0], places[1], places[3]]
-    if kind == "difference":
-        q, sign = read_index(where, places[1], len(points)), read_integer(where, places[2], 2)
-        if sign not in (1, -1):
-            raise FormatError(where, "a difference has the sign 1 or -1")
-        places = [places[0], *places[3:]]
-    k = read_index(where, places[1], len(curves[points[p].curve].forms))
-    l = read_index(where, places[2], len(curves[points[q].curve].forms))  # noqa: E741
-    return Fact(kind=kind, p=p, q=q, sign=sign, k=k, l=l, tau=read_nonnegative(where, tau))
+        other = places.pop(1)
+    elif kind == "difference":
+        other, sign = places.pop(0), _sign(places.pop(0))
+    p, q = at.index(len(points)), other.index(len(points))
+    first, second = (_multiplied(kind, curves[points[i].curve]) for i in (p, q))
+    k, l = places[0].index(len(first)), places[-1].index(len(second))  # noqa: E741
+    return Fact(kind=kind, p=p, q=q, sign=sign, k=k, l=l, tau=tau.nonnegative())
+
+
+def _sign(entry: Entry) -> int:
+    sign = entry.integer(2)
+    return sign if sign in (1, -1) else entry.refuse("a difference has the sign 1 or -1")
+
+
+def _multiplied(kind: str, curve: Curve) -> Sequence[object]:
+    return curve.products if kind == "constant" else curve.forms
 
 
 def _algebraic(
-    value: object, curves: Sequence[Curve], points: Sequence[Point], model: Model, v: int, *, regional: bool
+    entry: Entry, curves: Sequence[Curve], points: Sequence[Point], model: Model, v: int, claim: str
 ) -> Algebraic:  # fmt: skip
-    value = read_object(ALGEBRAIC, value, ("solvable", "equations", *["bounds"] * regional))
-    solvable = read_object("algebraic.solvable", value["solvable"], ("multipliers", "products", "proof"))
-    entries = model.n + len(model.channels)
+    given = entry.fields(("solvable", "equations", *["bounds"] * (claim == "region")))
+    solvable, entries = given["solvable"].fields(("multipliers", "products", "proof")), model.n + len(model.channels)
 
-    def rows(where: str, given: object, size: int) -> tuple[Row, ...]:
-        listed = read_list(where, given, model.algebraic)
-        return tuple(read_row(f"{where}[{i}]", row, size) for i, row in enumerate(listed))
+    def rows(listed: Entry, size: int) -> tuple[Row, ...]:
+        return tuple(row.row(size) for row in listed.items(model.algebraic))
 
-    def facts(where: str, given: object) -> tuple[Fact, ...]:
-        listed = enumerate(read_list(where, given))
-        return tuple(
-            _fact(f"{where}[{i}]", "value", read_list(f"{where}[{i}]", row, 4), curves, points) for i, row in listed
-        )
+    def facts(listed: Entry) -> tuple[Fact, ...]:
+        return tuple(_fact("value", each.items(4), curves, points) for each in listed.items())
 
-    def reach(where: str, given: object) -> Reach:
-        entry = read_object(where, given, ("equations", "value", "alpha", "beta", "proof"))
-        return Reach(
-            rows(f"{where}.equations", entry["equations"], entries + v),
-            facts(f"{where}.value", entry["value"]),
-            read_nonnegative(f"{where}.alpha", entry["alpha"]),
-            read_nonnegative(f"{where}.beta", entry["beta"]),
-            read_factor(f"{where}.proof", entry["proof"]),
-        )
+    def reach(bound: Entry) -> Reach:
+        said = bound.fields(("equations", "value", "alpha", "beta", "proof"))
+        alpha, beta = said["alpha"].nonnegative(), said["beta"].nonnegative()
+        return Reach(rows(said["equations"], entries + v), facts(said["value"]), alpha, beta, said["proof"].factor())
 
-    bounds = enumerate(read_list("algebraic.bounds", value["bounds"]) if regional else ())
     return Algebraic(
-        rows("algebraic.solvable.multipliers", solvable["multipliers"], entries),
-        facts("algebraic.solvable.products", solvable["products"]),
-        read_factor("algebraic.solvable.proof", solvable["proof"]),
-        rows("algebraic.equations", value["equations"], entries + v),
-        tuple(reach(f"algebraic.bounds[{i}]", entry) for i, entry in bounds),
+        rows(solvable["multipliers"], entries),
+        facts(solvable["products"]),
+        solvable["proof"].factor(),
+        rows(given["equations"], entries + v),
+        tuple(map(reach, given["bounds"].items())) if "bounds" in given else (),
     )
 
 
-def _deviation(where: str, value: object, n: int, size: int) -> Deviation:
-    value = read_object(where, value, ("columns", "C", "s", "epsilon"))
-    columns = tuple(
-        read_row(f"{where}.columns[{i}]", row, n)
-        for i, row in enumerate(read_list(f"{where}.columns", value["columns"]))
-    )
-    C = tuple(read_row(f"{where}.C[{i}]", row, size) for i, row in enumerate(read_list(f"{where}.C", value["C"])))
-    return Deviation(
-        columns, C, read_dyadic(f"{where}.s", value["s"]), read_nonnegative(f"{where}.epsilon", value["epsilon"])
-    )
+def _deviation(entry: Entry, n: int, size: int) -> Deviation:
+    given = entry.fields(("columns", "C", "s", "epsilon"))
+    columns, C = (tuple(row.row(of) for row in given[name].items()) for name, of in (("columns", n), ("C", size)))
+    return Deviation(columns, C, given["s"].dyadic(), given["epsilon"].nonnegative())
 
 
-def _spanning(value: object, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[tuple[int, int], ...]:
-    found = []
-    for i, pair in enumerate(read_list("spanning", value)):
-        p, k = read_list(f"spanning[{i}]", pair, 2)
-        p = read_index(f"spanning[{i}]", p, len(points))
-        found.append((p, read_index(f"spanning[{i}]", k, len(curves[points[p].curve].forms))))
-    return tuple(found)
+def _spanning(entry: Entry, curves: Sequence[Curve], points: Sequence[Point]) -> tuple[int, int]:
+    at, k = entry.items(2)
+    p = at.index(len(points))
+    return p, k.index(len(curves[points[p].curve].forms))
 
 
-def _strip(where: str, value: object, n: int) -> tuple[Row, Fraction, Fraction]:
-    row, lo, hi = read_list(where, value, 3)
-    return read_row(where, row, n), read_dyadic(where, lo), read_dyadic(where, hi)
+def _strip(entry: Entry, n: int) -> tuple[Row, Fraction, Fraction]:
+    row, lo, hi = entry.items(3)
+    return row.row(n), lo.dyadic(), hi.dyadic()
 
 
-def _outputs(value: object, model: Mapping[str, object]) -> Outputs | None:
-    if isinstance(value, list) and not value:
-        return None
-    block = read_object("outputs", value, ("sha256", *OUTPUT_FIELDS, "constants", "lipschitz"))
-    stated, count = read_stated(block, model), len(block["outputs"])
-    maps = _maps(block["output_map"], block["lipschitz"], count)
-    rows = [{i: v for i, v in enumerate(row) if v} for row in rows_of(block["C"])]
-    constants = read_dyadics("outputs.constants", block["constants"], count)
-    entries = zip(block["outputs"], rows, rows_of(block["D"]), constants, maps, strict=True)
-    return Outputs(stated, tuple(Output(*entry) for entry in entries))
+def _outputs(entry: Entry, form: Mapping[str, object], model: Model) -> Outputs:
+    block = entry.fields(("sha256", *OUTPUT_FIELDS, "constants", "lipschitz"))
+    found, stated = read_outputs(block, model.n, model.m), require_stated(block, form)
+    rows = [{i: v for i, v in enumerate(row) if v} for row in found.C]
+    maps = _maps(found.maps, block["lipschitz"], len(rows))
+    entries = zip(found.names, rows, found.D, block["constants"].dyadics(len(rows)), maps, strict=True)
+    return Outputs(stated, tuple(Output(*each) for each in entries))
 
 
-def _maps(texts: list[str] | None, bounds: object, count: int) -> Sequence[Map | None]:
-    if (texts is None) != (bounds is None):
-        raise FormatError("outputs.lipschitz", "null without output_map, else a bound with cuts for each output")
-    if texts is None:
+def _maps(programs: Sequence[Program] | None, bounds: Entry, count: int) -> Sequence[Map | None]:
+    if (programs is None) != (bounds.value is None):
+        bounds.refuse("null without output_map, else a bound with cuts for each output")
+    if programs is None:
         return [None] * count
-    found = []
-    for i, (text, value) in enumerate(zip(texts, read_list("outputs.lipschitz", bounds, count), strict=True)):
-        where = f"outputs.lipschitz[{i}]"
-        L, cuts = read_list(where, value, 2)
-        found.append(Map(parse(text), read_nonnegative(where, L), _cuts(where, cuts)))
-    return found
+    pairs = [each.items(2) for each in bounds.items(count)]
+    return [Map(h, L.nonnegative(), _cuts(cuts)) for h, (L, cuts) in zip(programs, pairs, strict=True)]
 
 
-def _proof(value: object, arrays: "Arrays") -> dict[str, Factor | Root]:
-    proof = read_object("proof", value, ("P", "M", "V"))
-    found: dict[str, Factor | Root] = {}
-    for name, entry in proof.items():
-        where = f"proof.{name}"
-        if name != "V" and isinstance(entry, dict):
-            found[name] = read_root(where, entry, arrays)
-        else:
-            found[name] = () if entry is None and name == "V" else read_factor(where, entry)
-    return found
+def _proof(entry: Entry, arrays: "Arrays") -> dict[str, Factor | Root]:
+    given = entry.fields(("P", "M", "V"))
+    found = {name: _root(given[name], arrays) for name in ("P", "M")}
+    return found | {"V": () if given["V"].value is None else given["V"].factor()}
+
+
+def _root(entry: Entry, arrays: "Arrays") -> Factor | Root:
+    """Return a factor T by rows, or a root: its L by rows, or the name of an array of a companion."""
+    if not isinstance(entry.value, dict):
+        return entry.factor()
+    given = entry.fields(("shifts", "bits", "L"))
+    shifts, L = tuple(shift.exponent() for shift in given["shifts"].items()), given["L"]
+    lower = _lower_array(L, arrays, len(shifts)) if isinstance(L.value, str) else L.factor()
+    return Root(shifts, given["bits"].exponent(), lower)
+
+
+def _filled(form: object, arrays: "Arrays") -> object:
+    from persid_check.ledger.arrays import filled
+
+    return filled(form, arrays)
+
+
+def _lower_array(L: Entry, arrays: "Arrays", size: int) -> "Digits":
+    from persid_check.ledger.arrays import lower_array
+
+    return lower_array(L, arrays, size)

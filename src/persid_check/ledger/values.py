@@ -6,10 +6,11 @@ from fractions import Fraction
 from functools import cached_property
 
 from persid_check.definite import Root
+from persid_check.entry import Factor, Lower
 from persid_check.expression import Program
 from persid_check.ledger.lemmas import Cuts, Functions, is_odd, vanishes
 from persid_check.model import Model
-from persid_check.reading import Ball, Factor, Lower
+from persid_check.reading import Ball
 
 RISING = ("nondecreasing", "rising")
 

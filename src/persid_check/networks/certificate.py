@@ -9,27 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from persid_check import companion
-from persid_check.expression import ExpressionError, parse
+from persid_check.canonical import holds_objects
+from persid_check.entry import Entry
+from persid_check.expression import parse
 from persid_check.json_text import Stated
 from persid_check.memory import Question
-from persid_check.model import Model, holds_objects, sha256_of
+from persid_check.model import Model, read_model, sha256_of
 from persid_check.networks import sentences
 from persid_check.networks.claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
 from persid_check.networks.cone import Vector, generators, words
 from persid_check.networks.members import Members, read_members
 from persid_check.networks.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
 from persid_check.networks.table import Table, doubtful, table_of, table_of_sparse
-from persid_check.reading import (
-    MAX_FORMS,
-    read_dyadic,
-    read_dyadics,
-    read_index,
-    read_list,
-    read_object,
-    read_text,
-    read_written,
-)
-from persid_check.results import FormatError, NotProvedError
+from persid_check.reading import MAX_FORMS
+from persid_check.results import NotProvedError
 from persid_check.search.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.sparse import FILLED_STATES, SparseModel, read_sparse
 from persid_check.subject import COMMON, read_heading
@@ -61,26 +54,22 @@ def read_network(
         FormatError: anything is not as specified; the message names the place.
     """
     claim = data["claim"]
-    more = (DEVIATIONS,) if claim == "L1" and DEVIATIONS in data else ()
-    read_heading(data, (*FIELDS[claim], *more))
-    subject = _subject(claim, data, folder, arrays)
+    given = read_heading(data, FIELDS[claim], (DEVIATIONS,) * (claim == "L1"))
+    subject = _subject(given, folder, arrays)
     if claim == "L1-infeasible":
-        kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms", "rays"))
-        z = _vector("z", data["z"], subject, "z")
-        return NetworkObstruction(subject, kinds, z, _choice(data["choice"], subject, kinds))
-    if data["operating_point"] not in ("reference", "every"):
-        raise FormatError("operating_point", '"reference" or "every" is needed')
-    every = data["operating_point"] == "every"
-    kinds = _kinds(data["kinds"], subject.nodes, ("functions", "forms"))
-    weights = _vector("weights", data["weights"], subject, "w")
-    members = _members(data[DEVIATIONS], subject, every) if more else None
-    return NetworkClaim(subject, every, kinds, weights, read_dyadic("kappa", data["kappa"]), members)
+        kinds = _kinds(given["kinds"], subject.nodes, ("functions", "forms", "rays"))
+        return NetworkObstruction(subject, kinds, _vector(given["z"], subject, "z"), _choice(given, subject, kinds))
+    every = given["operating_point"].one_of(("reference", "every")) == "every"
+    kinds = _kinds(given["kinds"], subject.nodes, ("functions", "forms"))
+    weights = _vector(given["weights"], subject, "w")
+    members = _members(given[DEVIATIONS], subject, every) if DEVIATIONS in given else None
+    return NetworkClaim(subject, every, kinds, weights, given["kappa"].dyadic(), members)
 
 
-def _members(value: object, subject: NetworkSubject, every: bool) -> Members:
+def _members(entry: Entry, subject: NetworkSubject, every: bool) -> Members:
     if not (every and isinstance(subject.model, Model)):
-        raise FormatError(DEVIATIONS, 'only a model that is written out has some, with the operating point "every"')
-    return read_members(value, subject.model)
+        entry.refuse('only a model that is written out has some, with the operating point "every"')
+    return read_members(entry, subject.model)
 
 
 def prove_network(claim: NetworkClaim) -> tuple[str, tuple[str, ...]]:
@@ -236,102 +225,88 @@ def _y(size: int) -> tuple[Fraction, ...]:
     return (Fraction(1), *(Fraction(0),) * (size - 1))
 
 
-def _subject(claim: str, data: Stated, folder: Path | None, content: bytes | None) -> NetworkSubject:
-    form, entry = data["model"], data["companion"]
+def _subject(given: Mapping[str, Entry], folder: Path | None, content: bytes | None) -> NetworkSubject:
+    entry, companions = given["model"], given["companion"]
+    form, claim, stated = entry.value, given["claim"].value, given["model_sha256"].value
     if not isinstance(form, dict):
-        raise FormatError("model", "an object is needed")
-    arrays = {} if entry is None else companion.load(_entry(entry), "companion", folder, content)
+        entry.refuse("an object is needed")
+    if companions.value is not None:
+        companions.fields(("npz", "sha256"))
+    arrays = {} if companions.value is None else companion.load(companions.value, "companion", folder, content)
     if holds_objects(form):
         sparse = read_sparse(form, arrays)
-        _refuse_unpaid(data, arrays, sparse.n)
+        _refuse_unpaid(given["weights" if "weights" in given else "z"], arrays, sparse.n)
         if sparse.n <= FILLED_STATES:
-            raise FormatError("model", f"the network form is for more than {FILLED_STATES} states")
+            entry.refuse(f"the network form is for more than {FILLED_STATES} states")
         if sha256_of(sparse.form()) != sha256_of(form):  # as texts: to Python 1 == True
-            raise FormatError("model", "not the network form of the arrays in the companion")
-        return NetworkSubject(claim, data["model_sha256"], form, sparse, table_of_sparse(sparse), arrays)
-    model = read_written(form)
-    return NetworkSubject(claim, data["model_sha256"], form, model, nodes_of(model), arrays)
+            entry.refuse("not the network form of the arrays in the companion")
+        return NetworkSubject(claim, stated, form, sparse, table_of_sparse(sparse), arrays)
+    model = read_model(entry)
+    return NetworkSubject(claim, stated, form, model, nodes_of(model), arrays)
 
 
-def _refuse_unpaid(data: Mapping[str, object], arrays: companion.Arrays, n: int) -> None:
+def _refuse_unpaid(entry: Entry, arrays: companion.Arrays, n: int) -> None:
     """A number for each node stands in the file or in its companion before anything of that size is made."""
-    where, name = ("weights", "w") if "weights" in data else ("z", "z")
-    given = arrays.get(name) if data[where] is None else data[where]
+    name = "w" if entry.where == "weights" else "z"
+    given = arrays.get(name) if entry.value is None else entry.value
     if not isinstance(given, Sized) or len(given) != n:
-        raise FormatError(where, f"{n} numbers are needed, here or as {name!r} in the companion")
+        entry.refuse(f"{n} numbers are needed, here or as {name!r} in the companion")
 
 
-def _entry(value: object) -> Mapping[str, object]:
-    return read_object("companion", value, ("npz", "sha256"))
-
-
-def _vector(where: str, value: object, subject: NetworkSubject, name: str) -> "Sequence[Fraction] | ndarray":
+def _vector(entry: Entry, subject: NetworkSubject, name: str) -> "Sequence[Fraction] | ndarray":
     """Return n numbers of the file, or of its companion where the file says null."""
-    if value is not None:
-        return read_dyadics(where, value, subject.nodes.n)
+    if entry.value is not None:
+        return entry.dyadics(subject.nodes.n)
     import numpy as np
 
     found = subject.arrays.get(name)
     if found is None or found.shape != (subject.nodes.n,) or found.dtype != np.dtype("<f8"):
-        raise FormatError(where, f"the companion needs an array {name!r} of {subject.nodes.n} binary64 numbers")
+        entry.refuse(f"the companion needs an array {name!r} of {subject.nodes.n} binary64 numbers")
     if not np.isfinite(found).all():
-        raise FormatError(where, "a number is not finite")
+        entry.refuse("a number is not finite")
     return found
 
 
-def _kinds(value: object, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Kind, ...]:
+def _kinds(entry: Entry, nodes: Nodes | Table, known: tuple[str, ...]) -> tuple[Kind, ...]:
     """Return the kinds of the file in the order of the nodes' kinds."""
-    entries = read_list("kinds", value)
-    if len(entries) > MAX_KINDS:
-        raise FormatError("kinds", f"at most {MAX_KINDS} are read")
-    if len(entries) != len(nodes.kinds):  # before any is read: what no node has is not worth its parsing
-        raise FormatError("kinds", f"{len(nodes.kinds)} occur among the nodes, and each is needed once, and no other")
-    found = {}
-    for t, entry in enumerate(entries):
-        kind = _kind(f"kinds[{t}]", read_object(f"kinds[{t}]", entry, known))
-        found[Question.of(kind.functions)] = kind
+    listed = entry.items(longest=MAX_KINDS)
+    if len(listed) != len(nodes.kinds):  # before any is read: what no node has is not worth its parsing
+        entry.refuse(f"{len(nodes.kinds)} occur among the nodes, and each is needed once, and no other")
+    kinds = [_kind(each.fields(known)) for each in listed]
+    found = {Question.of(kind.functions): kind for kind in kinds}
     of_nodes = [found.get(Question.of(functions)) for functions in nodes.kinds]
     if missing := [functions for functions, kind in zip(nodes.kinds, of_nodes, strict=True) if kind is None]:
-        raise FormatError("kinds", f"the nodes with the functions {[text[:60] for text, _ in missing[0]]} have none")
+        entry.refuse(f"the nodes with the functions {[text[:60] for text, _ in missing[0]]} have none")
     return tuple(kind for kind in of_nodes if kind is not None)
 
 
-def _kind(where: str, entry: Mapping[str, object]) -> Kind:
-    pairs = [read_list(f"{where}.functions", pair, 2) for pair in read_list(f"{where}.functions", entry["functions"])]
-    if len(pairs) > MAX_FUNCTIONS:
-        raise FormatError(f"{where}.functions", f"at most {MAX_FUNCTIONS} are read")
-    functions = tuple((_expression(where, text), read_dyadic(f"{where}.functions", alpha)) for text, alpha in pairs)
-    forms, rays = (_vectors(f"{where}.{name}", entry.get(name, []), 1 + len(pairs)) for name in ("forms", "rays"))
+def _kind(given: Mapping[str, Entry]) -> Kind:
+    pairs = [pair.items(2) for pair in given["functions"].items(longest=MAX_FUNCTIONS)]
+    functions = tuple((_expression(text), alpha.dyadic()) for text, alpha in pairs)
+    forms, rays = (_vectors(given[name], 1 + len(pairs)) if name in given else () for name in ("forms", "rays"))
     return Kind(functions, forms, rays)
 
 
-def _vectors(where: str, value: object, size: int) -> Forms:
-    rows = read_list(where, value)
-    if len(rows) > MAX_FORMS:
-        raise FormatError(where, f"at most {MAX_FORMS} are read")
-    return tuple(read_dyadics(f"{where}[{k}]", row, size) for k, row in enumerate(rows))
+def _vectors(entry: Entry, size: int) -> Forms:
+    return tuple(row.dyadics(size) for row in entry.items(longest=MAX_FORMS))
 
 
-def _expression(where: str, text: object) -> str:
-    expression = read_text(where, text, 5000)
-    try:
-        parse(expression)
-    except ExpressionError as error:
-        raise FormatError(where, str(error)) from None
-    return expression
+def _expression(entry: Entry) -> str:
+    entry.program()
+    return entry.text(5000)
 
 
-def _choice(value: object, subject: NetworkSubject, kinds: tuple[Kind, ...]) -> "Sequence[int] | ndarray":
-    nodes = subject.nodes
-    counts = [len(kind.rays) for kind in kinds]
-    if value is not None:
-        entries = read_list("choice", value, nodes.n)
-        return tuple(read_index(f"choice[{k}]", entry, counts[int(nodes.kind[k])]) for k, entry in enumerate(entries))
+def _choice(
+    given: Mapping[str, Entry], subject: NetworkSubject, kinds: tuple[Kind, ...]
+) -> "Sequence[int] | ndarray":  # fmt: skip
+    entry, nodes, counts = given["choice"], subject.nodes, [len(kind.rays) for kind in kinds]
+    if entry.value is not None:
+        return tuple(each.index(counts[int(nodes.kind[k])]) for k, each in enumerate(entry.items(nodes.n)))
     import numpy as np
 
     found = subject.arrays.get("choice")
     if found is None or found.shape != (nodes.n,) or found.dtype.kind != "i":
-        raise FormatError("choice", f"the companion needs an array 'choice' of {nodes.n} integers")
+        entry.refuse(f"the companion needs an array 'choice' of {nodes.n} integers")
     if not ((found >= 0) & (found < np.array(counts)[np.asarray(nodes.kind)])).all():
-        raise FormatError("choice", "an index is negative or too large")
+        entry.refuse("an index is negative or too large")
     return found

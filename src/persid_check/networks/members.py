@@ -9,9 +9,8 @@ from fractions import Fraction
 from functools import cached_property
 from math import isqrt
 
+from persid_check.entry import Entry
 from persid_check.model import Model
-from persid_check.reading import read_index, read_list, read_object, read_row
-from persid_check.results import FormatError
 from persid_check.work import spend
 
 DIGITS = 64  # bits of a root, at least
@@ -84,7 +83,7 @@ class Members:
         return [(i, _norm(values)) for i, values in self.at_inputs.get(j, {}).items()]
 
 
-def read_members(value: object, model: Model) -> Members:
+def read_members(entry: Entry, model: Model) -> Members:
     """Return the ellipsoids that a file lists.
 
     Raises:
@@ -93,16 +92,14 @@ def read_members(value: object, model: Model) -> Members:
     idle = {model.n + c for c, channel in enumerate(model.channels) if not any(channel.column)}
     size = model.n + len(model.channels) + model.m
     found: list[Ellipsoid] = []
-    for j, entry in enumerate(read_list("deviations", value)):
-        where = f"deviations[{j}]"
-        given = read_object(where, entry, ("state", "C"))
-        state = read_index(f"{where}.state", given["state"], model.n)
+    for each in entry.items():
+        given = each.fields(("state", "C"))
+        state = given["state"].index(model.n)
         if found and state <= found[-1].state:
-            raise FormatError(f"{where}.state", "states rise")
-        lines = read_list(f"{where}.C", given["C"])
-        C = tuple(read_row(f"{where}.C[{r}]", row, size) for r, row in enumerate(lines))
-        if any(entry in idle for row in C for entry in row):
-            raise FormatError(f"{where}.C", "it reads a channel whose column is zero")
+            given["state"].refuse("states rise")
+        C = tuple(row.row(size) for row in given["C"].items())
+        if any(place in idle for row in C for place in row):
+            given["C"].refuse("it reads a channel whose column is zero")
         found.append(Ellipsoid(state, C))
     return Members(model, tuple(found))
 

@@ -4,24 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from persid_check.entry import Entry, Factor, Lower
 from persid_check.json_text import Stated
-from persid_check.reading import (
-    MAX_FORMS,
-    Ball,
-    Factor,
-    Lower,
-    read_ball,
-    read_dyadic,
-    read_dyadics,
-    read_factor,
-    read_integers,
-    read_list,
-    read_lower,
-    read_object,
-    require_fields,
-)
-from persid_check.results import FormatError
-from persid_check.subject import COMMON, Subject, read_subject
+from persid_check.reading import MAX_FORMS, Ball, read_ball
+from persid_check.subject import COMMON, Subject, read_heading, read_subject
 
 Forms = tuple[tuple[Fraction, ...], ...]
 
@@ -65,37 +51,29 @@ FIELDS = {
 }
 
 
-def read_obstruction(data: Mapping[str, object]) -> Obstruction:
+def read_obstruction(data: Stated) -> Obstruction:
     """Return the value of a file of claim "infeasible".
 
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    subject = read_subject(data, FIELDS["infeasible"])
-    if data["family"] not in ("diagonal", "full"):
-        raise FormatError("family", '"diagonal" or "full" is needed')
-    full = data["family"] == "full"
+    given = read_heading(data, FIELDS["infeasible"])
+    subject, full = read_subject(given), given["family"].one_of(("diagonal", "full")) == "full"
     size = subject.model.n + len(subject.model.channels)
-    rows = read_list("L", data["L"], size)
-    width = len(read_list("L[0]", rows[0]))
+    rows = given["L"].items(size)
+    width = len(rows[0].items())
     if not 1 <= width <= size:
-        raise FormatError("L", f"1 to {size} columns are needed")
-    L = tuple(read_integers(f"L[{i}]", row, width) for i, row in enumerate(rows))
-    proof = read_object("proof", data["proof"], ("P",) if full else ())
-    forms = tuple(
-        _forms(f"groups[{g}]", entry, 1 + len(group.members))
-        for g, (entry, group) in enumerate(
-            zip(read_list("groups", data["groups"], len(subject.groups)), subject.groups, strict=True)
-        )
-    )
-    return Obstruction(subject, full, forms, L, read_factor("proof.P", proof["P"]) if full else ())
+        given["L"].refuse(f"1 to {size} columns are needed")
+    proof = given["proof"].fields(("P",) if full else ())
+    groups = zip(given["groups"].items(len(subject.groups)), subject.groups, strict=True)
+    forms = tuple(_forms(entry, 1 + len(group.members)) for entry, group in groups)
+    L = tuple(row.integers(width) for row in rows)
+    return Obstruction(subject, full, forms, L, proof["P"].factor() if full else ())
 
 
-def _forms(where: str, value: object, width: int) -> Forms:
-    rows = read_list(f"{where}.forms", read_object(where, value, ("forms",))["forms"])
-    if len(rows) > MAX_FORMS:
-        raise FormatError(f"{where}.forms", f"at most {MAX_FORMS} forms are read")
-    return tuple(read_dyadics(f"{where}.forms[{k}]", row, width) for k, row in enumerate(rows))
+def _forms(entry: Entry, width: int) -> Forms:
+    rows = entry.fields(("forms",))["forms"].items(longest=MAX_FORMS)
+    return tuple(row.dyadics(width) for row in rows)
 
 
 def read_refutation(data: Stated) -> Refutation:
@@ -104,25 +82,29 @@ def read_refutation(data: Stated) -> Refutation:
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    subject = read_subject(data, FIELDS["refuted"])
-    model, witness = subject.model, data["witness"]
-    kind = witness.get("kind") if isinstance(witness, dict) else None
-    if not isinstance(kind, str) or kind not in WITNESSES:
-        raise FormatError("witness.kind", f"one of {', '.join(WITNESSES)} is needed")
-    require_fields("witness", witness, ("kind", *WITNESSES[kind]))
-    u = read_dyadics("u", data["u"], model.m)
-    single = [witness["point"]] if "point" in witness else []
-    listed = read_list("witness.points", witness["points"], 2) if "points" in witness else single
-    points = tuple(read_ball(f"witness.points[{i}]", point, model, u) for i, point in enumerate(listed))
-    vector = next(name for name in ("direction", "start", "points") if name in witness)
-    number = next((witness[name] for name in ("sigma", "offset") if name in witness), [0, 0])
+    given = read_heading(data, FIELDS["refuted"])
+    subject, kind = read_subject(given), _kind(given["witness"])
+    witness, model = given["witness"].fields(("kind", *WITNESSES[kind])), subject.model
+    u = given["u"].dyadics(model.m)
+    balls = [*(witness["points"].items(2) if "points" in witness else ()), *_given(witness, "point")]
+    vector, number = _given(witness, "direction", "start"), _given(witness, "sigma", "offset")
     return Refutation(
         subject=subject,
         u=u,
         kind=kind,
-        points=points,
-        vector=() if vector == "points" else read_dyadics(f"witness.{vector}", witness[vector], model.n),
-        S=read_lower("witness.S", witness["S"], model.n) if "S" in witness else (),
-        number=read_dyadic("witness.sigma or offset", number),
-        factor=read_factor("witness.T", witness["T"]) if "T" in witness else (),
+        points=tuple(read_ball(ball, model, u) for ball in balls),
+        vector=vector[0].dyadics(model.n) if vector else (),
+        S=witness["S"].lower(model.n) if "S" in witness else (),
+        number=number[0].dyadic() if number else Fraction(0),
+        factor=witness["T"].factor() if "T" in witness else (),
     )
+
+
+def _kind(entry: Entry) -> str:
+    kind = entry.value.get("kind") if isinstance(entry.value, dict) else None
+    return Entry(kind, "kind", entry).one_of(tuple(WITNESSES))
+
+
+def _given(witness: Mapping[str, Entry], *names: str) -> list[Entry]:
+    """Return the fields of some names that a witness has."""
+    return [witness[name] for name in names if name in witness]

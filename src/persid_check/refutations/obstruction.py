@@ -8,11 +8,12 @@ from fractions import Fraction
 
 from persid_check.definite import is_positive_definite
 from persid_check.exact import Matrix, Number, matrix
-from persid_check.model import Group, Model
+from persid_check.model import Model
 from persid_check.refutations import sentences
 from persid_check.refutations.format import Forms, Obstruction
 from persid_check.results import NotProvedError
 from persid_check.search.prover import prove_continuous
+from persid_check.subject import Group
 
 
 def prove_obstruction(claim: Obstruction) -> tuple[str, tuple[str, ...]]:

@@ -10,11 +10,11 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx, fmpq
 
+from persid_check.entry import Entry
 from persid_check.exact import Matrix
-from persid_check.expression import Program, parse
+from persid_check.expression import Program
 from persid_check.json_text import Json
-from persid_check.outputs import FIELDS, read_stated, rows_of
-from persid_check.reading import read_dyadics, read_object
+from persid_check.outputs import FIELDS, read_outputs, require_stated
 from persid_check.results import FormatError, NotProvedError
 from persid_check.search.prover import prove_nondecreasing
 from persid_check.subject import Subject
@@ -68,24 +68,24 @@ def read_conclusions(more: Mapping[str, object], subject: Subject) -> Conclusion
     """
     if "incremental" in more and more["incremental"] is not True:
         raise FormatError("incremental", "true, or no such field, is needed")
-    outputs = _outputs(more["outputs"], subject) if "outputs" in more else None
+    outputs = _outputs(Entry(more["outputs"], "outputs"), subject) if "outputs" in more else None
     return Conclusions(outputs, "incremental" in more)
 
 
-def _outputs(value: object, subject: Subject) -> Outputs:
-    block = read_object("outputs", value, ("sha256", *FIELDS, "constants", "lipschitz"))
-    stated = read_stated(block, subject.form)
-    count, maps = len(block["outputs"]), block["output_map"]
-    if (maps is None) != (block["lipschitz"] is None):
-        raise FormatError("outputs.lipschitz", "null without output_map, else one number an output is needed")
-    lipschitz = (Fraction(1),) * count if maps is None else read_dyadics("outputs.lipschitz", block["lipschitz"], count)
+def _outputs(entry: Entry, subject: Subject) -> Outputs:
+    block = entry.fields(("sha256", *FIELDS, "constants", "lipschitz"))
+    found = read_outputs(block, subject.model.n, subject.model.m)
+    stated, count, steepness = require_stated(block, subject.form), len(found.names), block["lipschitz"]
+    if (found.maps is None) != (steepness.value is None):
+        steepness.refuse("null without output_map, else one number an output is needed")
+    lipschitz = (Fraction(1),) * count if found.maps is None else steepness.dyadics(count)
     return Outputs(
         sha256=stated,
-        names=tuple(block["outputs"]),
-        C=rows_of(block["C"]),
-        D=rows_of(block["D"]),
-        maps=None if maps is None else tuple(parse(text) for text in maps),
-        constants=read_dyadics("outputs.constants", block["constants"], count),
+        names=found.names,
+        C=found.C,
+        D=found.D,
+        maps=found.maps,
+        constants=block["constants"].dyadics(count),
         lipschitz=lipschitz,
     )
 

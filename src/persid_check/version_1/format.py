@@ -3,29 +3,14 @@
 The specification is docs/certificate-format.md.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from persid_check.entry import Entry, Factor, Lower
 from persid_check.json_text import Stated
-from persid_check.reading import (
-    MAX_FORMS,
-    Ball,
-    Factor,
-    Lower,
-    read_ball,
-    read_dropped,
-    read_dyadic,
-    read_dyadics,
-    read_factor,
-    read_gamma,
-    read_index,
-    read_list,
-    read_object,
-    read_P,
-)
-from persid_check.results import FormatError
-from persid_check.subject import COMMON, Subject, read_subject
+from persid_check.reading import MAX_FORMS, Ball, read_ball, read_gamma, read_P
+from persid_check.subject import COMMON, Group, Subject, read_heading, read_subject
 
 
 @dataclass(frozen=True)
@@ -78,37 +63,31 @@ def read_certificate(data: Stated) -> Stability:
     Raises:
         FormatError: anything is not as specified; the message names the place.
     """
-    subject = read_subject(data, FIELDS[data["claim"]])
-    model, claim = subject.model, subject.claim
-    size = model.n + len(model.channels)
+    given = read_heading(data, FIELDS[data["claim"]])
+    subject = read_subject(given)
+    model, claim, point = subject.model, subject.claim, given["operating_point"]
     regional, rated = claim == "R", claim in ("E", "R")
-    point = data["operating_point"]
-    diagonal, P = read_P(data["P"], model.n)
+    diagonal, P = read_P(given["P"], model.n)
     return Stability(
         subject=subject,
-        point=None if point is None else read_ball("operating_point", point, model),
+        point=None if point.value is None else read_ball(point, model),
         P=P,
         diagonal=diagonal,
-        groups=_group_proofs(data["groups"], subject, _group_fields(claim)),
-        dropped=read_dropped(data["dropped"], size),
-        gamma=read_gamma(data["gamma"], model.m + (point is None and any(model.b))),
-        kappa=read_dyadic("kappa", data["kappa"]) if rated else Fraction(0),
-        p=read_dyadic("p", data["p"]) if rated else Fraction(0),
-        box=_box(data["box"], model.n) if regional else (),
-        level=read_dyadic("level", data["level"]) if regional else Fraction(0),
-        input_bound=read_dyadic("input_bound", data["input_bound"]) if regional else Fraction(0),
-        proof=_proof(data["proof"]),
+        groups=_group_proofs(given["groups"], subject.groups, _group_fields(claim)),
+        dropped=given["dropped"].indices(model.n + len(model.channels)),
+        gamma=read_gamma(given["gamma"], model.m + (point.value is None and any(model.b))),
+        kappa=given["kappa"].dyadic() if rated else Fraction(0),
+        p=given["p"].dyadic() if rated else Fraction(0),
+        box=_box(given["box"], model.n) if regional else (),
+        level=given["level"].dyadic() if regional else Fraction(0),
+        input_bound=given["input_bound"].dyadic() if regional else Fraction(0),
+        proof={name: rows.factor() for name, rows in given["proof"].fields(("P", "Q")).items()},
     )
 
 
-def _proof(value: object) -> dict[str, Factor]:
-    proof = read_object("proof", value, ("P", "Q"))
-    return {name: read_factor(f"proof.{name}", rows) for name, rows in proof.items()}
-
-
-def _box(value: object, n: int) -> tuple[tuple[Fraction, Fraction], ...]:
-    sides = [read_dyadics(f"box[{i}]", side, 2) for i, side in enumerate(read_list("box", value, n))]
-    return tuple((side[0], side[1]) for side in sides)
+def _box(entry: Entry, n: int) -> tuple[tuple[Fraction, Fraction], ...]:
+    pairs = (side.dyadics(2) for side in entry.items(n))
+    return tuple((low, high) for low, high in pairs)
 
 
 def _group_fields(claim: str) -> tuple[str, ...]:
@@ -116,43 +95,34 @@ def _group_fields(claim: str) -> tuple[str, ...]:
     return ("forms", "mu", "products", *more)
 
 
-def _group_proofs(value: object, subject: Subject, known: tuple[str, ...]) -> tuple[GroupProof, ...]:
-    entries = read_list("groups", value, len(subject.groups))
-    return tuple(
-        _group_proof(f"groups[{g}]", entry, 1 + len(group.members), known)
-        for g, (entry, group) in enumerate(zip(entries, subject.groups, strict=True))
-    )
+def _group_proofs(entry: Entry, groups: Sequence[Group], known: tuple[str, ...]) -> tuple[GroupProof, ...]:
+    listed = zip(entry.items(len(groups)), groups, strict=True)
+    return tuple(_group_proof(each.fields(known), 1 + len(group.members)) for each, group in listed)
 
 
-def _group_proof(where: str, value: object, width: int, known: tuple[str, ...]) -> GroupProof:
-    group = read_object(where, value, known)
-    rows = read_list(f"{where}.forms", group["forms"])
-    if len(rows) > MAX_FORMS:
-        raise FormatError(f"{where}.forms", f"at most {MAX_FORMS} forms are read")
-    forms = tuple(read_dyadics(f"{where}.forms[{k}]", row, width) for k, row in enumerate(rows))
+def _group_proof(given: Mapping[str, Entry], width: int) -> GroupProof:
+    forms = tuple(row.dyadics(width) for row in given["forms"].items(longest=MAX_FORMS))
     size = len(forms)
     return GroupProof(
         forms,
-        read_dyadics(f"{where}.mu", group["mu"], size) if "mu" in known else (),
-        _products(f"{where}.products", group["products"], size) if "products" in known else (),
-        _constants(f"{where}.integral", group["integral"], size) if "integral" in known else (),
-        _constants(f"{where}.quadratic", group["quadratic"], size) if "quadratic" in known else (),
+        given["mu"].dyadics(size),
+        _products(given["products"], size),
+        _constants(given["integral"], size) if "integral" in given else (),
+        _constants(given["quadratic"], size) if "quadratic" in given else (),
     )
 
 
-def _products(where: str, value: object, size: int) -> tuple[tuple[int, int, Fraction], ...]:
+def _products(entry: Entry, size: int) -> tuple[tuple[int, int, Fraction], ...]:
     found = []
-    for i, entry in enumerate(read_list(where, value)):
-        place = f"{where}[{i}]"
-        k, q, tau = read_list(place, entry, 3)
-        found.append((read_index(place, k, size), read_index(place, q, size), read_dyadic(place, tau)))
+    for each in entry.items():
+        k, q, tau = each.items(3)
+        found.append((k.index(size), q.index(size), tau.dyadic()))
         if found[-1][0] >= found[-1][1]:
-            raise FormatError(place, "k < l is needed")
+            each.refuse("k < l is needed")
     if len({(k, q) for k, q, _ in found}) != len(found):
-        raise FormatError(where, "a pair stands twice")
+        entry.refuse("a pair stands twice")
     return tuple(found)
 
 
-def _constants(where: str, value: object, size: int) -> tuple[Fraction | None, ...]:
-    read: Callable[[int, object], Fraction | None] = lambda i, v: None if v is None else read_dyadic(f"{where}[{i}]", v)  # noqa: E731
-    return tuple(read(i, entry) for i, entry in enumerate(read_list(where, value, size)))
+def _constants(entry: Entry, size: int) -> tuple[Fraction | None, ...]:
+    return tuple(None if each.value is None else each.dyadic() for each in entry.items(size))

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from persid_check.entry import Lower
 from persid_check.exact import Matrix, Number, blocks, diagonal, matrix
-from persid_check.model import Group, Model
-from persid_check.reading import Lower
+from persid_check.model import Model
+from persid_check.subject import Group
 from persid_check.version_1.format import GroupProof, Stability
 
 Square = list[list[Fraction]]

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from persid_check.model import Group
 from persid_check.search.side import Curve, Domain, Shift
+from persid_check.subject import Group
 from persid_check.version_1.format import GroupProof
 
 
