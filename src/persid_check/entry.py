@@ -55,11 +55,15 @@ class Entry:
 
     def items(self, size: int | None = None, longest: int | None = None) -> "list[Entry]":
         """Return the items of a list, of a given length where one is given, or of so many at most."""
+        listed = self._listed(size)
+        if longest is not None and len(listed) > longest:
+            self.refuse(f"at most {longest} are read")
+        return [Entry(value, i, self) for i, value in enumerate(listed)]
+
+    def _listed(self, size: int | None) -> list[Any]:
         if not isinstance(self.value, list) or (size is not None and len(self.value) != size):
             self.refuse("a list is needed" if size is None else f"a list of {size} is needed")
-        if longest is not None and len(self.value) > longest:
-            self.refuse(f"at most {longest} are read")
-        return [Entry(value, i, self) for i, value in enumerate(self.value)]
+        return self.value
 
     def text(self, longest: int) -> str:
         """Return a text that is not too long."""
@@ -93,17 +97,17 @@ class Entry:
 
     def binary64(self) -> float:
         """Return the number of a text as float.hex() writes it."""
-        try:
-            number = float.fromhex(self.value)
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if not math.isfinite(number) or (number + 0.0).hex() != self.value:  # + 0.0: zero has no sign
+        number = _binary64(self.value)
+        if math.isnan(number):
             self.refuse(f"{str(self.value)[:40]!r} is not a finite number as float.hex() writes it")
         return number
 
     def vector(self, size: int) -> list[float]:
         """Return so many numbers of a model."""
-        return [each.binary64() for each in self.items(size)]
+        numbers = list(map(_binary64, self._listed(size)))
+        for i in (i for i, number in enumerate(numbers) if math.isnan(number)):
+            Entry(self.value[i], i, self).binary64()  # which refuses it
+        return numbers
 
     def matrix(self, height: int, width: int) -> list[list[float]]:
         """Return rows of such numbers."""
@@ -177,3 +181,12 @@ class Entry:
     def factor(self) -> Factor:
         """Return a square lower triangular matrix of integers, by its rows."""
         return tuple(row.integers(i + 1) for i, row in enumerate(self.items()))
+
+
+def _binary64(text: Any) -> float:
+    """Return the number that float.hex() writes as this text, NaN where there is none; zero has no sign."""
+    try:
+        number = float.fromhex(text)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+    return number if math.isfinite(number) and (number + 0.0).hex() == text else math.nan
