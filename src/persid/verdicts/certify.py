@@ -100,7 +100,9 @@ def certify(
             raise ModelError('no claim="practical" is sought of a model with algebraic variables')
         box = _box(model.rows, domain, (model.n, model.rows.n))
         auto, u = _is_auto(domain), _nominal(model, u_op)
-        equations = descriptors.Question(model, operating_point, u, rate, each, claim, box, auto)
+        equations = descriptors.Question(
+            model=model, near=operating_point, u=u, rate=rate, each=each, claim=claim, box=box, auto=auto
+        )
         return _answered(partial(descriptors.decide, equations, log), model.n, log)
     dynamics = model.dynamics if isinstance(model, OutputModel) else model
     asked = Question(

@@ -167,7 +167,7 @@ def by_strips(
     solved_frame = solved(replace(frame, points=points), log.left)
     if solved_frame is None:
         return stopped(Status.INFEASIBLE)
-    return _fastest(about, solved_frame, best.volume, slowest, each, log, outputs)
+    return _fastest(about, solved_frame, best.volume, slowest, each=each, log=log, outputs=outputs)
 
 
 def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log: Log) -> Certificate | Failure:
@@ -184,12 +184,13 @@ def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log
         return by_box(about, frame, None, each, log)
     if best is None:
         return stopped(Status.TIME) if log.left() <= 0 else Failure(Reason.NOT_FOUND, words.SMALLER)
-    return _fastest(about, known, best.volume, slowest, each, log, None)
+    return _fastest(about, known, best.volume, slowest, each=each, log=log)
 
 
 def _fastest(
-    about: About, frame: Frame, volume: float, slowest: Fraction, each: bool, log: Log, outputs: OutputModel | None
-) -> Certificate | Failure:
+    about: About, frame: Frame, volume: float, slowest: Fraction, *, each: bool, log: Log,
+    outputs: OutputModel | None = None,
+) -> Certificate | Failure:  # fmt: skip
     """Certify a region in the strips of a frame with the largest rate that leaves most of a volume."""
     limit, within = decay.fastest(about.jacobian, None), in_strips(frame, about.following)
     failure = stopped(Status.INFEASIBLE)
