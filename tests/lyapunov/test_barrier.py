@@ -5,8 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from persid.lyapunov.barrier import Block, Region, minimise
-from persid.lyapunov.frame import Unknown
+from persid.lyapunov import barrier
+from persid.lyapunov.barrier import Block, Paired, Region, definite, faces, minimise
+from persid.lyapunov.frame import Unknown, paired
+from persid.lyapunov.pairs import Problem
 from persid.lyapunov.zero_rows import reduced
 
 ONE = Fraction(1)
@@ -21,6 +23,45 @@ def test_the_largest_trace_is_found(seed: int) -> None:
     found = minimise(region, np.ones(4), start)
     assert found.objective == pytest.approx(np.abs(v).sum() ** 2, rel=1e-5)
     assert found.objective - found.gap <= np.abs(v).sum() ** 2 * (1 + 1e-9)
+
+
+def _some_pairs(random: np.random.Generator, order: int, count: int) -> Problem:
+    """Unknowns that are sums of one or two pairs of sparse rows."""
+
+    def row() -> dict[int, Fraction]:
+        places = random.choice(order, 3, replace=False)
+        return {int(i): Fraction(int(v), 8) for i, v in zip(places, random.integers(1, 9, 3), strict=True)}
+
+    def read(row: dict[int, Fraction]) -> np.ndarray:
+        return np.array([float(row.get(i, 0)) for i in range(order)])
+
+    pairs = [(row(), row(), float(random.normal()), k) for k in range(count) for _ in range(1 + k % 2)]
+    return paired(pairs, count, order, read)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_large_matrices_are_the_small_ones(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Matrices, steps, gradients and Hessians are the same whether every F is formed or not, and for many faces."""
+    random = np.random.default_rng(seed)
+    pairs, N, w = _some_pairs(random, 6, 9), random.normal(size=(9, 7)), 0.1 * random.normal(size=7)
+    constants = [20 * np.eye(6) + np.outer(v, v) for v in random.normal(size=(3, 6))]
+    small = faces(pairs, N, constants)
+    assert all(isinstance(each, Block) for each in small)
+    monkeypatch.setattr(barrier, "FORMED", 0)
+    large = [definite(pairs, N, constant) for constant in constants]
+    assert all(isinstance(each, Paired) for each in large)
+    expected = [Region([each], np.zeros((0, 7)), 1e3) for each in small]
+    for one, other in zip(expected, (Region([each], np.zeros((0, 7)), 1e3) for each in large), strict=True):
+        _agree(one, other, w)
+    _agree(Region(small, np.zeros((0, 7)), 1e3), Region(faces(pairs, N, constants), np.zeros((0, 7)), 1e3), w)
+
+
+def _agree(one: Region, other: Region, w: np.ndarray) -> None:
+    assert other.order == one.order
+    assert other.value(w) == pytest.approx(one.value(w), rel=1e-12)
+    assert other.reach(w, w + 1) == pytest.approx(one.reach(w, w + 1), rel=1e-9)
+    for found, known in zip(other.derivatives(w), one.derivatives(w), strict=True):
+        assert found == pytest.approx(known, rel=1e-9, abs=1e-10)
 
 
 def test_a_diagonal_that_nothing_raises_makes_its_row_zero() -> None:

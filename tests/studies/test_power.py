@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import persid as ps
-from persid.studies import phasors, power
-from persid.studies.nine_bus import LOADS, Condition
+from persid.studies import phasors, power, scores
+from persid.studies.grid import Condition
+from persid.studies.nine_bus import CASE
 from places import ROOT
 
 EXPECTED = json.loads(Path(power.__file__).with_name("expected").joinpath("power.json").read_text("utf-8"))
@@ -19,9 +20,9 @@ EXPECTED = json.loads(Path(power.__file__).with_name("expected").joinpath("power
 def test_a_certified_clearing_time_is_one() -> None:
     """The state at the certified time is proved to lie in the region, which is before the grid would lose its step."""
     between, rest = phasors.relative(power.GRID.model()), power.GRID.rest[:4]
-    certificate = power._certificate(ps.certify(between, operating_point=rest, domain=power._box(rest, power.NARROW)))
+    certificate = scores.with_region(ps.certify(between, operating_point=rest, domain=power._box(rest, power.NARROW)))
     assert certificate is not None
-    fault = power._fault(certificate, 9, power.NORMAL)
+    fault = scores.cleared(power.GRID, certificate, 9, power.NORMAL)
     assert 0 < fault["certified"] < fault["critical"]
     assert fault["keeps_step"]
     x = power.GRID.simulate(power.GRID.rest, np.array([0.0, fault["certified"]]), Condition(fault=9))
@@ -37,5 +38,5 @@ def test_the_page_shows_what_was_recorded() -> None:
         name = f"identified, short circuit at bus {bus}"
         recorded = [figures[f"{name}: {kind}, s"] for kind in ("simulated", "certified")]
         assert [f"{1e3 * seconds:.0f}" for seconds in recorded] == times
-    for load in LOADS:
+    for load in CASE.loads:
         assert f"±{figures[f'load {load}: admitted, MW']:.1f} MW" in page

@@ -8,19 +8,23 @@ rises. With nu the order of all inequalities together a centred point is within 
 an optimum is known early. The points that it passes are analytic centres: they keep away from every boundary, which is
 what survives rounding.
 
-Matrices are small and dense here: with Z = L L' and A_k = L^-1 F_k L^-T the gradient of -log det Z is -tr A_k, and its
-Hessian <A_k, A_l>. Reference: Boyd & Vandenberghe (2004), Convex Optimization, chapter 11.
+With Z = L L' and A_k = L^-1 F_k L^-T the gradient of -log det Z is -tr A_k, and its Hessian <A_k, A_l>: small matrices
+are kept dense. Of large ones X = Z^-1 is kept, and tr(F_k X F_l X) comes from the pairs of rows that make F_k. Faces,
+C_f + sum_k w_k F_k > 0 for many f, share their F: with t_k = vec F_k their Hessian is T' (sum_f X_f x X_f) T, whose
+middle is of the order of the matrices alone. Reference: Boyd & Vandenberghe (2004), Convex Optimization, chapter 11.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg as sla
 from jaxtyping import Float
 from numpy import ndarray
+from scipy import sparse
 
-from persid.lyapunov.pairs import Problem
+from persid.lyapunov.pairs import FORMED, Problem, combine, pairings, schur
 
 RISE = 20.0  # of theta once a point is centred
 CENTRED = 0.25  # Newton decrement below which it is
@@ -29,9 +33,30 @@ STEPS = 200
 ACCURACY = 1e-7  # of the objective's own size, and so its gap
 
 
+class Inequality(Protocol):
+    """Matrices, affine in w, that are to be positive definite."""
+
+    @property
+    def order(self) -> int:
+        """The orders of all of them together."""
+        ...
+
+    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "B N N"]:
+        """Return the matrices."""
+        ...
+
+    def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
+        """Return what a step of d adds to each of them."""
+        ...
+
+    def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
+        """Return gradient and Hessian of minus the sum of their log det."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The matrix C + sum_k w_k F_k, which is to be positive definite."""
+    """A small matrix C + sum_k w_k F_k, every F formed."""
 
     constant: Float[ndarray, "N N"]
     F: Float[ndarray, "W N N"]
@@ -46,9 +71,100 @@ class Block:
         F = ((weight @ N).T @ half).reshape(-1, pairs.order, pairs.order)
         return cls(np.zeros((pairs.order, pairs.order)) if constant is None else constant, F + F.transpose(0, 2, 1))
 
-    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
+    @property
+    def order(self) -> int:
+        """The order of the matrix."""
+        return len(self.constant)
+
+    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "1 N N"]:
         """Return the matrix."""
-        return np.asarray(self.constant + np.tensordot(w, self.F, 1))
+        return np.asarray(self.constant + self.along(w))[None]
+
+    def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
+        """Return what a step of d adds to it."""
+        return np.asarray(np.tensordot(d, self.F, 1))
+
+    def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
+        """Return gradient and Hessian of -log det."""
+        half = _inverse(np.linalg.cholesky(self.at(w)[0]))
+        A = half @ self.F @ half.T
+        flat = A.reshape(len(w), -1)
+        return -np.trace(A, axis1=1, axis2=2), flat @ flat.T
+
+
+@dataclass(frozen=True, eq=False)
+class Paired:
+    """A large matrix C + sum_k y_k F_k, y = N w, every F_k a sum of pairs of rows."""
+
+    constant: Float[ndarray, "N N"]
+    pairs: Problem
+    N: sparse.csr_array
+
+    @property
+    def order(self) -> int:
+        """The order of the matrix."""
+        return len(self.constant)
+
+    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "1 N N"]:
+        """Return the matrix."""
+        return np.asarray(self.constant + self.along(w))[None]
+
+    def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
+        """Return what a step of d adds to it."""
+        return np.asarray(combine(self.pairs, self.N @ d))
+
+    def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
+        """Return gradient and Hessian of -log det."""
+        half = _inverse(np.linalg.cholesky(self.at(w)[0]))
+        X = half.T @ half
+        lower = np.tril(schur(self.pairs, X, X))
+        H = lower + np.tril(lower, -1).T
+        return -(self.N.T @ pairings(self.pairs, X)), self.N.T @ (self.N.T @ H).T
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Matrices C_f + sum_k w_k F_k that differ in their constants alone; T has the lines vec F_k."""
+
+    constants: Float[ndarray, "B N N"]
+    T: sparse.csr_array
+
+    @property
+    def order(self) -> int:
+        """The orders of all of them together."""
+        return len(self.constants) * self.constants.shape[1]
+
+    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "B N N"]:
+        """Return the matrices."""
+        return np.asarray(self.constants + self.along(w))
+
+    def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
+        """Return what a step of d adds to each of them."""
+        return np.asarray((self.T.T @ d).reshape(self.constants.shape[1:]))
+
+    def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
+        """Return gradient and Hessian of minus the sum of log det."""
+        X, N = np.linalg.inv(self.at(w)), self.constants.shape[1]
+        middle = np.einsum("fij,fkl->ikjl", X, X, optimize=True).reshape(N * N, N * N)
+        return -(self.T @ X.sum(axis=0).ravel()), self.T @ (self.T @ middle).T
+
+
+def definite(pairs: Problem, N: Float[ndarray, "J W"], constant: Float[ndarray, "N N"] | None = None) -> Block | Paired:
+    """Return the inequality C + sum_k y_k F_k > 0, y = N w, where pairs of rows make F_k: dense where it is small."""
+    if N.shape[1] * pairs.order**2 <= FORMED:
+        return Block.of(pairs, N, constant)
+    return Paired(np.zeros((pairs.order, pairs.order)) if constant is None else constant, pairs, sparse.csr_array(N))
+
+
+def faces(pairs: Problem, N: Float[ndarray, "J W"], constants: Sequence[Float[ndarray, "N N"]]) -> Sequence[Inequality]:
+    """Return the inequalities C_f + sum_k y_k F_k > 0, y = N w, for every constant: together where they are large."""
+    if len(constants) * N.shape[1] * pairs.order**2 <= FORMED:
+        return [Block.of(pairs, N, constant) for constant in constants]
+    left, right = pairs.S[pairs.p].toarray(), pairs.H[pairs.q - pairs.S.shape[0]]
+    half = np.einsum("ki,kj->kij", left, right)
+    products = sparse.csr_array((half + half.transpose(0, 2, 1)).reshape(len(left), -1))
+    combined = sparse.csr_array(N).T if pairs.tie is None else sparse.csr_array(N).T @ pairs.tie.T
+    return [Faces(np.array(constants), sparse.csr_array(combined @ products))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +180,14 @@ class Centre:
 class Region:
     """All inequalities: blocks, `signs` w > 0, and a ball; w is of moderate size."""
 
-    blocks: Sequence[Block]
+    blocks: Sequence[Inequality]
     signs: Float[ndarray, "M W"]
     radius: float
 
     @property
     def order(self) -> int:
         """The order of all inequalities together."""
-        return sum(len(block.constant) for block in self.blocks) + len(self.signs) + 2
+        return sum(block.order for block in self.blocks) + len(self.signs) + 2
 
     def value(self, w: Float[ndarray, " W"]) -> float:
         """Return phi(w), infinity outside."""
@@ -84,7 +200,7 @@ class Region:
                 L = np.linalg.cholesky(block.at(w))
             except np.linalg.LinAlgError:
                 return np.inf
-            total -= 2 * np.log(np.diag(L)).sum()
+            total -= 2 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum()
         return float(total)
 
     def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
@@ -94,19 +210,18 @@ class Region:
         gradient = 4 / room * w - shares.sum(axis=0)
         hessian = 4 / room * np.eye(len(w)) + 8 / room**2 * np.outer(w, w) + shares.T @ shares
         for block in self.blocks:
-            half = _inverse(np.linalg.cholesky(block.at(w)))
-            A = half @ block.F @ half.T
-            gradient -= np.trace(A, axis1=1, axis2=2)
-            flat = A.reshape(len(w), -1)
-            hessian += flat @ flat.T
+            slope, curvature = block.derivatives(w)
+            gradient += slope
+            hessian += curvature
         return gradient, hessian
 
     def reach(self, w: Float[ndarray, " W"], d: Float[ndarray, " W"]) -> float:
         """Return how far w + a d stays inside the blocks and the signs."""
         falling = -(self.signs @ d) / (self.signs @ w)
         for block in self.blocks:
-            half = _inverse(np.linalg.cholesky(block.at(w)))
-            falling = np.append(falling, -np.linalg.eigvalsh(half @ np.tensordot(d, block.F, 1) @ half.T)[0])
+            step = block.along(d)
+            halves = (_inverse(L) for L in np.linalg.cholesky(block.at(w)))
+            falling = np.append(falling, [-np.linalg.eigvalsh(half @ step @ half.T)[0] for half in halves])
         steepest = float(falling.max(initial=0.0))
         return 1 / steepest if steepest > 0 else np.inf
 

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.barrier import Centre, Region, definite, minimise
 from persid.lyapunov.frame import Frame, Unknown
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.points import Form, Known, Point, steepness
@@ -267,7 +267,7 @@ def _shrunk(candidate: Candidate, frame: Rough, r: float, left: Left) -> Ball:
     N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
     unit = 1.5 * max(gamma, 1e-12)
     M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * unit) for i in inputs]], inputs=True)
-    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -matrices.identity))
+    blocks = (definite(M, N), definite(matrices.Pt([[]]), N, -matrices.identity))
     region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
     objective = np.append(candidate.N.T @ cost, unit * size if len(inputs) else 1e-3)
 

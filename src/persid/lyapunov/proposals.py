@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.barrier import Centre, Region, definite, minimise
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.frame import Frame, Matrices, Unknown
@@ -241,8 +241,8 @@ def _centred(candidate: Candidate, left: Left) -> Float[ndarray, " W"]:
     size = 4 * abs(t)
     N = sla.block_diag(candidate.N, np.eye(1))
     blocks = (
-        Block.of(matrices.M([[(int(i), -size) for i in matrices.kept]]), N),
-        Block.of(matrices.Pt([[(i, -size) for i in frame.z]]), N),
+        definite(matrices.M([[(int(i), -size) for i in matrices.kept]]), N),
+        definite(matrices.Pt([[(i, -size) for i in frame.z]]), N),
     )
     objective = np.append(np.zeros(len(w)), -1.0)
 
@@ -294,7 +294,7 @@ def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
     start, size = candidate.w * 1.2 / candidate.least(candidate.w), 1.5 * max(gamma, 1e-12)
     N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
     M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * size) for i in inputs]], inputs=True)
-    blocks = (Block.of(M, N), Block.of(matrices.Pt([[]]), N, -matrices.identity))
+    blocks = (definite(M, N), definite(matrices.Pt([[]]), N, -matrices.identity))
     region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
 
     def close(centre: Centre) -> bool:

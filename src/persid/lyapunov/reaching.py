@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.barrier import Centre, Region, definite, minimise
 from persid.lyapunov.frame import Frame, Unknown, paired
 from persid.lyapunov.pairs import combine
 from persid.lyapunov.points import Row
@@ -81,12 +81,12 @@ def reaching(frame: Frame, place: int, row: Row, Pt: Float[ndarray, "n n"], weig
     w = START * np.array([each.multiplier for each in unknowns], float)
     low = float(np.linalg.eigvalsh(constant + combine(paired(pairs, count, len(kept), read), w))[0])
     t = min(low, 0.0) - 0.1
-    block = Block.of(paired([*pairs, *margin], count + 1, len(kept), read), np.eye(count + 1), constant)
+    block = definite(paired([*pairs, *margin], count + 1, len(kept), read), np.eye(count + 1), constant)
     region = Region((block,), np.pad(signs, ((0, 0), (0, 1))), ROOM)
     first = minimise(region, -np.eye(count + 1)[-1], np.append(w, t), enough=_positive, left=left).w
     if not first[-1] > 0:
         return None
-    block = Block.of(paired(pairs, count, len(kept), read), np.eye(count), constant)
+    block = definite(paired(pairs, count, len(kept), read), np.eye(count), constant)
     region = Region((block,), signs, ROOM * float(np.linalg.norm(first)))
     cost = np.array([_cost(each, weight) for each in unknowns]) * sizes
     numbers = rounded(minimise(region, cost, first[:-1], enough=_close, left=left).w * sizes * size**2)

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.barrier import Centre, Region, definite, minimise
 from persid.lyapunov.frame import Frame, Unknown, paired
 from persid.lyapunov.pairs import combine
 from persid.lyapunov.points import Row
@@ -49,7 +49,7 @@ def solving(frame: Frame, left: Callable[[], float]) -> Values | None:
     sizes = 0.5 / np.where(norms > 0, norms, 1.0)
     pairs = [(a, b, sizes[k], k) for a, b, k in listed]
     margin = [({i: _ONE}, {i: -_HALF}, 1 / units[i] ** 2, len(unknowns)) for i in kept]
-    block = Block.of(paired([*pairs, *margin], len(unknowns) + 1, len(kept), read), np.eye(len(unknowns) + 1))
+    block = definite(paired([*pairs, *margin], len(unknowns) + 1, len(kept), read), np.eye(len(unknowns) + 1))
     signs = np.eye(len(unknowns) + 1)[[k for k, each in enumerate(unknowns) if each.multiplier]]
     w = np.array([1.0 if each.multiplier or each.label[2] == frame.order + each.label[1] else 0.0 for each in unknowns])
     w *= START / np.linalg.norm(w)

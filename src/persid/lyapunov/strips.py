@@ -19,7 +19,7 @@ from numpy import ndarray
 from scipy.special import gamma as gamma_function
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Block, Centre, Region, minimise
+from persid.lyapunov.barrier import Centre, Region, definite, faces, minimise
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.points import Row
@@ -217,11 +217,11 @@ def enlarged(frame: Frame, kappa: Fraction, within: Float[ndarray, "g n"], left:
         return None
     scaled = candidate.matrices.units[: frame.order] * within
     Pt, N = candidate.matrices.Pt(), candidate.N
-    faces = [Block.of(Pt, N, -np.outer(row, row)) for row in scaled]
+    held = faces(Pt, N, [-np.outer(row, row) for row in scaled])
     inverse = np.linalg.inv(candidate.Pt(candidate.w))
     candidate = replace(candidate, w=candidate.w * 1.1 * float(np.einsum("gi,ij,gj->g", scaled, inverse, scaled).max()))
     radius = ROOM * float(np.linalg.norm(candidate.w))
-    region = Region([Block.of(candidate.matrices.M(), N), *faces], candidate.signs, radius)
+    region = Region([definite(candidate.matrices.M(), N), *held], candidate.signs, radius)
     found = Sublevel.of(candidate, within)
     for _ in range(SWEEPS):
         if left() <= 0 or not np.isfinite(region.value(found.candidate.w)):

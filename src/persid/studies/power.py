@@ -17,28 +17,26 @@ from numpy import ndarray
 import persid as ps
 from persid.reports.record import versions
 from persid.studies import power_pages as pages
-from persid.studies.nine_bus import DAMPING, LOADS, NORMAL, TO_PAIRS, Condition, Grid
+from persid.studies.grid import DAMPING, NORMAL, Condition, Grid
+from persid.studies.nine_bus import CASE
 from persid.studies.parts import Parts
 from persid.studies.phasors import (
     FRAMES,
     LARGEST_STEP,
-    NOMINAL,
-    SHOWN,
-    TO_SHOWN,
-    FreeRun,
     Record,
     identify,
     load_steps,
     relative,
     ring_down,
-    rms,
+    shown,
+    to_shown,
 )
-from persid.studies.power_cells import Edges, Fault, Fit, Found, FreeRuns, Load, Loads, Region, Step
+from persid.studies.power_cells import Edges, Fit, Found, Load, Loads, Region, Step
+from persid.studies.scores import cleared, scored, with_region
 from persid.studies.tables import Study, protocol
-from persid.verdicts.verdict import Verdict
 
 REVISION = 2  # raised with every change of what is computed: parts of other revisions are not reused
-GRID = Grid()
+GRID = Grid(CASE)
 RECORDED, FORETOLD = (5, 7, 9), (4, 6, 8)  # buses of short circuits in the fit, and of those that it has not seen
 AFTER = {"fit": 0.1, "new": 0.15}  # s, when they are cleared
 IDENTIFIED, ALONE, KNOWN = "identified", "identified from load steps alone", "equations known"
@@ -57,7 +55,7 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     parts = parts.of(4 if quick else 10)
     fits = {label: _fit(parts, label, quick) for label in ((IDENTIFIED,) if quick else (IDENTIFIED, ALONE))}
     model = ps.PersidskiiModel.from_dict(fits[IDENTIFIED]["model"])
-    fits[KNOWN] = parts.part(KNOWN, {"quick": quick}, lambda: _scored(GRID.model(), quick))
+    fits[KNOWN] = parts.part(KNOWN, {"quick": quick}, lambda: scored(GRID, GRID.model(), *new_records(quick)))
     buses = (7,) if quick else (*FORETOLD, *RECORDED)
     regions = {IDENTIFIED: _clearing(parts, IDENTIFIED, model, buses, NORMAL, quick)}
     if not quick:
@@ -103,29 +101,10 @@ def _fit(parts: Parts, label: str, quick: bool) -> Fit:
 
     def compute() -> Fit:
         steps, rings = records(quick)
-        model = identify(steps if label == ALONE else [*steps, *rings], np.random.default_rng(3))
-        return _scored(model, quick)
+        model = identify(GRID, steps if label == ALONE else [*steps, *rings], np.random.default_rng(3))
+        return scored(GRID, model, *new_records(quick))
 
     return parts.part(label, {"quick": quick, "frames": FRAMES, "damping": DAMPING}, compute)
-
-
-def _scored(model: ps.PersidskiiModel, quick: bool) -> Fit:
-    """Return a model with its free runs on new records."""
-    steps, rings = new_records(quick)
-    return {"model": model.to_dict(), "runs": {"steps": _free_runs(model, steps), "rings": _free_runs(model, rings)}}
-
-
-def _free_runs(model: ps.PersidskiiModel, records: Sequence[Record]) -> FreeRuns:
-    """Return the errors of free runs; none where one falls out of step or blows up."""
-    runs = [FreeRun.of(model, record) for record in records]
-    errors = rms(np.vstack([each.errors for each in runs]))
-    lost = errors[0] > 180.0 or any(len(each.x) < len(each.record.t) for each in runs)
-    return {
-        "errors": None if lost else list(errors),
-        "size": list(rms(np.vstack([(record.x - GRID.rest) @ TO_SHOWN.T for record in records]))),
-        "run": np.round(runs[0].x @ TO_SHOWN.T, 4)[::2].tolist(),
-        "true": np.round(records[0].x @ TO_SHOWN.T, 4)[::2].tolist(),
-    }
 
 
 def _clearing(
@@ -141,10 +120,10 @@ def _clearing(
             between, operating_point=rest, domain=domain, time_limit=SEARCH_LIMIT, progress=parts.within(name)
         )
         found = parts.verdict(name, between, verdict)
-        certificate = _certificate(verdict)
+        certificate = with_region(verdict)
         if certificate is None:
             return {"verdict": found, "faults": {}}
-        return {"verdict": found, "faults": {str(bus): _fault(certificate, bus, after) for bus in buses}}
+        return {"verdict": found, "faults": {str(bus): cleared(GRID, certificate, bus, after) for bus in buses}}
 
     return parts.part(
         name, {"model": model.sha256, "buses": list(buses), "limit": SEARCH_LIMIT, "quick": quick}, compute
@@ -155,34 +134,6 @@ def _box(rest: Float[ndarray, " n"], angle: float) -> list[list[float]]:
     """Return a box about a state: angles to either side, and frequencies between machines and of the whole grid."""
     sides = np.array([angle, angle, APART, APART, TOGETHER][: len(rest)])
     return [[float(x - side), float(x + side)] for x, side in zip(rest, sides, strict=True)]
-
-
-def _fault(certificate: ps.Certificate, bus: int, after: Condition) -> Fault:
-    """Return the critical clearing time by simulation and by a certificate, and the largest angles at these times."""
-    critical = GRID.critical_clearing(bus, after)
-    t = np.arange(0, critical + 5e-4, 1e-3)
-    x = GRID.simulate(GRID.rest, t, Condition(fault=bus))
-    inside = _last_inside(certificate, x[:, :4])
-    angles = np.abs(x[:, :2] @ TO_PAIRS.T).max(axis=1)
-    return {
-        "critical": critical,
-        "certified": None if inside is None else float(t[inside]),
-        "angles": [None if k is None else float(angles[k]) for k in (len(t) - 1, inside)],
-        "keeps_step": inside is not None and bool(GRID.keeps_step(x[inside], after)),
-        "path": np.round(x[:, :2], 3).tolist(),
-    }
-
-
-def _last_inside(certificate: ps.Certificate, x: Float[ndarray, "N 4"]) -> int | None:
-    """Return the last of states along a path, all of which until then lie in the region; the last one by proof."""
-    outside = np.flatnonzero(certificate.V(x) > (certificate.level or 0.0))
-    for k in range(int(outside[0]) - 1 if len(outside) else len(x) - 1, -1, -1):
-        try:
-            certificate.overshoot(x[k])
-        except ps.PersidError:
-            continue
-        return k
-    return None
 
 
 def _edges(parts: Parts, region: Region) -> Edges:
@@ -208,7 +159,7 @@ def _reach(keeps: Callable[[ndarray], bool], ray: Float[ndarray, " 5"], step: fl
 
 def _shown(model: ps.PersidskiiModel) -> ps.OutputModel:
     """Return a model with the outputs that an operator reads: angles in degrees, frequencies in Hz."""
-    return ps.OutputModel(model, TO_SHOWN, outputs=[f"{name} shown" for name in SHOWN])
+    return ps.OutputModel(model, to_shown(GRID), outputs=[f"{name} shown" for name in shown(GRID)])
 
 
 def _loads(parts: Parts, model: ps.PersidskiiModel) -> Loads:
@@ -221,14 +172,14 @@ def _loads(parts: Parts, model: ps.PersidskiiModel) -> Loads:
             time_limit=TIME_LIMIT, progress=parts.within(name),
         )  # fmt: skip
         found = parts.verdict(name, model, verdict)
-        certificate = _certificate(verdict)
+        certificate = with_region(verdict)
         if certificate is None:
             return {"verdict": found, "proved": [], "loads": {}}
         proved = certificate.output_bound(certificate.operating_point, certificate.input_bound or 0.0, [EVER])[0]
         admitted = np.asarray(certificate.input_bounds).tolist()
         loads: dict[str, Load] = {
             load: {"admitted": size, "seen": _swung(k, size).tolist()}
-            for k, (load, size) in enumerate(zip(LOADS, admitted, strict=True))
+            for k, (load, size) in enumerate(zip(CASE.loads, admitted, strict=True))
         }
         return {"verdict": found, "proved": proved.tolist(), "loads": loads}
 
@@ -238,14 +189,14 @@ def _loads(parts: Parts, model: ps.PersidskiiModel) -> Loads:
 def _swung(load: int, size: float) -> Float[ndarray, " 6"]:
     """Return how far outputs go from rest while a load switches by +-size (MW) in time with the grid's own swings."""
     eigenvalues = np.linalg.eigvals(GRID.model().jacobian(GRID.rest))
-    peaks = np.zeros(len(SHOWN))
+    peaks = np.zeros(len(shown(GRID)))
     for half in np.pi / eigenvalues.imag[eigenvalues.imag > 0]:
         x = GRID.rest
         for k in range(round(SWINGS / half)):
-            shares = np.ones(len(LOADS))
-            shares[load] += (-1) ** k * size / NOMINAL[load]
+            shares = np.ones(len(CASE.loads))
+            shares[load] += (-1) ** k * size / CASE.nominal[load]
             run = GRID.simulate(x, np.linspace(0, half, 21), Condition(tuple(shares.tolist())))
-            peaks = np.maximum(peaks, np.abs((run - GRID.rest) @ TO_SHOWN.T).max(axis=0))
+            peaks = np.maximum(peaks, np.abs((run - GRID.rest) @ to_shown(GRID).T).max(axis=0))
             x = run[-1]
     return peaks
 
@@ -253,7 +204,7 @@ def _swung(load: int, size: float) -> Float[ndarray, " 6"]:
 def _steps(parts: Parts, model: ps.PersidskiiModel) -> dict[str, Step]:
     """Return for steps of every load whether the way to the new rest is certified, its bounds, and what happens."""
     found = {}
-    for k, load in enumerate(LOADS):
+    for k, load in enumerate(CASE.loads):
         for share in (LARGEST_STEP, -LARGEST_STEP):
             name = f"load {load}, {share:+.0%}"
             found[name] = _step(parts, name, model, k, share)
@@ -261,8 +212,8 @@ def _steps(parts: Parts, model: ps.PersidskiiModel) -> dict[str, Step]:
 
 
 def _step(parts: Parts, name: str, model: ps.PersidskiiModel, load: int, share: float) -> Step:
-    u = np.zeros(len(LOADS))
-    u[load] = share * NOMINAL[load]
+    u = np.zeros(len(CASE.loads))
+    u[load] = share * CASE.nominal[load]
     start = ps.find_operating_point(model, near=GRID.rest)[0].x
     rest = ps.find_operating_point(model, u, near=GRID.rest)[0].x
     verdict = ps.certify(
@@ -271,19 +222,13 @@ def _step(parts: Parts, name: str, model: ps.PersidskiiModel, load: int, share: 
     )  # fmt: skip
     kept = parts.verdict(name, model, verdict)
     t = np.arange(0, SWINGS, 1 / FRAMES)
-    shares = np.ones(len(LOADS))
+    shares = np.ones(len(CASE.loads))
     shares[load] += share
     x = GRID.simulate(GRID.rest, t, Condition(tuple(shares.tolist())))
-    away = (x - rest) @ TO_SHOWN.T
-    proved, certificate = None, _certificate(verdict)
+    away = (x - rest) @ to_shown(GRID).T
+    proved, certificate = None, with_region(verdict)
     if certificate is not None:
         with suppress(ps.PersidError):  # the old rest is not in the region about the new one
             proved = certificate.output_bound(start, 0.0, t[::6]).tolist()
     seen = np.abs(away).max(axis=0)
     return {"verdict": kept, "seen": seen.tolist(), "away": np.round(away[::6], 4).tolist(), "proved": proved}
-
-
-def _certificate(verdict: Verdict) -> ps.Certificate | None:
-    """Return the certificate of a verdict, if there is one with a region."""
-    found = verdict.certificate if isinstance(verdict, ps.Certified) else None
-    return found if isinstance(found, ps.Certificate) else None

@@ -8,11 +8,12 @@ from matplotlib.figure import Figure
 from persid import plots
 from persid.plots.style import tidy
 from persid.reports.figures import Drawing
-from persid.studies.phasors import FRAMES, NOMINAL, SHOWN
+from persid.studies.grid import Grid
+from persid.studies.nine_bus import CASE
+from persid.studies.phasors import FRAMES, shown
 from persid.studies.power_cells import Edges, Fault, Fit, Found, Load, Loads, Region, Step
 from persid.studies.tables import Figures, Table, number
 
-DRAWN = 20  # s of a free run
 KINDS = {"steps": "new load steps", "rings": "after new short circuits"}
 
 
@@ -65,8 +66,8 @@ def _milliseconds(seconds: float | None) -> str:
 
 def _load_rows(found: Loads) -> Iterator[tuple[str, ...]]:
     for k, (load, each) in enumerate(found["loads"].items()):
-        admitted = f"±{each['admitted']:.1f} MW ({each['admitted'] / NOMINAL[k]:.0%})"
-        yield (f"{load} ({NOMINAL[k]:.0f} MW)", admitted, *_seen_and_proved(each["seen"], found["proved"]))
+        admitted = f"±{each['admitted']:.1f} MW ({each['admitted'] / CASE.nominal[k]:.0%})"
+        yield (f"{load} ({CASE.nominal[k]:.0f} MW)", admitted, *_seen_and_proved(each["seen"], found["proved"]))
 
 
 def _step_rows(steps: Mapping[str, Step]) -> Iterator[tuple[str, ...]]:
@@ -169,7 +170,7 @@ def _ways(name: str, step: Step) -> Drawing:
 def _free_run(fit: Fit) -> Figure:
     figure = Figure(figsize=(8, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    true, run = (np.array(fit["runs"]["steps"][name])[: DRAWN * FRAMES // 2] for name in ("true", "run"))
+    true, run = (np.array(fit["runs"]["steps"][name]) for name in ("true", "run"))
     for ax, k, label in zip(axes, (0, 3), ("d21 in degrees", "f1 in Hz from 60"), strict=True):
         for curve, color, style, name in ((true, plots.MEASURED, "-", "grid"), (run, plots.MODEL, "--", "model")):
             ax.plot(2 * np.arange(len(curve)) / FRAMES, curve[:, k], color=color, ls=style, lw=1.2, label=name)
@@ -220,7 +221,7 @@ def _step(step: Step) -> Figure:
     t = 6 * np.arange(len(away)) / FRAMES
     for ax, part, unit in zip(axes, (slice(3), slice(3, None)), ("degrees", "Hz"), strict=True):
         for k, color in zip(range(6)[part], (plots.MEASURED, plots.MODEL, plots.FORM), strict=True):
-            ax.plot(t, away[:, k], color=color, lw=1.1, label=SHOWN[k])
+            ax.plot(t, away[:, k], color=color, lw=1.1, label=shown(Grid(CASE))[k])
         bound = proved[:, part].max(axis=1)
         for sign in (1, -1):
             ax.plot(t, sign * bound, color=plots.LEVEL, lw=1.8, label="bound" if sign > 0 else None)
