@@ -132,7 +132,7 @@ class Faces:
     @property
     def order(self) -> int:
         """The orders of all of them together."""
-        return len(self.constants) * self.constants.shape[1]
+        return int(self.constants.shape[0] * self.constants.shape[1])
 
     def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "B N N"]:
         """Return the matrices."""
