@@ -67,3 +67,21 @@ def bus(seed: int) -> ps.DescriptorModel:
     a, b, p = np.random.default_rng(seed).uniform((0.5, 0.5, -0.3), (2.0, 2.0, 0.3))
     lines = ("sin(x)", [[1.0, -1.0], [0.0, 1.0]], [[-a, 0.0], [a, -b]])
     return ps.DescriptorModel([[0.0, 0.0]] * 2, [lines], [[0.0], [-1.0]], b=[p, 0.0], algebraic=["w"])
+
+
+def equilibrium_network(n: int, q: int, seed: int) -> ps.DescriptorModel:
+    """x' = A x + B1 f(w), 0 = -w + C x + D f(w): contracting with P and multipliers 1."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(n + q, n + q))
+    H = X @ X.T / (n + q) + 0.1 * np.eye(n + q)
+    skew = [(S - S.T) / 2 for S in (rng.normal(size=(n, n)), rng.normal(size=(q, q)))]
+    A, D = skew[0] - H[:n, :n] / 2, np.eye(q) + skew[1] - H[n:, n:] / 2
+    B1 = rng.normal(size=(n, q)) / np.sqrt(q)
+    C = -(B1 + H[:n, n:]).T
+    A0 = np.block([[A, np.zeros((n, q))], [C, -np.eye(q)]])
+    return ps.DescriptorModel(
+        A0,
+        [("tanh(x)", np.eye(q, n + q, n), np.vstack([B1, D]))],
+        np.eye(n + q, 1),
+        algebraic=[f"w{k}" for k in range(q)],
+    )

@@ -69,7 +69,7 @@ def test_a_diagonal_that_nothing_raises_makes_its_row_zero() -> None:
     raises = Unknown(("P", 0, 0), (({0: ONE}, {0: ONE, 1: Fraction(1, 3)}),), (({0: ONE}, {0: ONE}),), multiplier=False)
     lowers = Unknown(("mu", 0, 0), (({1: ONE}, {1: -ONE}),))
     fact = Unknown(("value", 0, 0, 1), (({0: ONE}, {1: -ONE}),))
-    found = reduced([raises, lowers, fact], entries=2, states=1)
+    found = reduced([raises, lowers, fact], able=[1])
     assert found is not None
     assert found.zero == (1,)
     assert [each.label for each in found.unknowns] == [raises.label, fact.label]
@@ -82,6 +82,6 @@ def test_a_multiplier_that_must_be_zero_goes() -> None:
     """Two positive numbers do not cancel: with their equation both vanish."""
     facts = [Unknown(("value", 0, 0, k), (({0: ONE}, {1: ONE}),)) for k in (1, 2)]
     P = Unknown(("P", 0, 0), (({0: ONE}, {0: ONE}),), (({0: ONE}, {0: ONE}),), multiplier=False)
-    found = reduced([P, *facts], entries=2, states=1)
+    found = reduced([P, *facts], able=[1])
     assert found is not None
     assert found.unknowns == (P,)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import persid as ps
-from descriptors import FOLD, bus, diode, drawn, fold, loop, network
+from descriptors import FOLD, bus, diode, drawn, equilibrium_network, fold, loop, network
 from persid.lyapunov.operating_points import find_operating_point
 
 
@@ -273,3 +273,12 @@ def test_a_latch_is_refuted_where_it_has_three_equilibria_and_never_else() -> No
 def test_a_region_of_a_latch_is_still_certified() -> None:
     """Where all states are refuted a region that is asked for may be certified."""
     assert ps.certify(_latch(2.0, 1.0), domain="auto").is_certified
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "q"), [(4, 10), (8, 12)])
+def test_equilibrium_networks_are_certified(n: int, q: int) -> None:
+    """Loops and layers of many neurons: what equations give linearly costs no unknowns."""
+    verdict = ps.certify(equilibrium_network(n, q, 0))
+    assert isinstance(verdict, ps.Certified)
+    assert verdict.certificate.claim == "rate-and-gain"

@@ -292,10 +292,14 @@ def _use(point: Point, k: int, kinds: tuple[str, ...], density: bool, sloped: bo
     return Use(form, Fraction(known.c), Fraction(known.d), False, kinds, square) if density else Use(form, kinds=kinds)
 
 
-def proved(point: Point) -> Point:
-    """Return the point with what is proved of its forms: others leave it, constants that are not proved weaken."""
-    curve = curve_of(point.curve)
-    return replace(point, forms=tuple(found for form in point.forms if (found := _proved(curve, form)) is not None))
+def proved(point: Point, order: int | None = None) -> Point:
+    """Return the point with what is proved of its forms: others leave it, constants that are not proved weaken.
+
+    Where its row reads more than the first `order` variables no form is a density: no bound of an integral is proved.
+    """
+    curve, loose = curve_of(point.curve), order is not None and any(i >= order for i in point.row)
+    forms = (replace(form, c=np.nan) if loose else form for form in point.forms)
+    return replace(point, forms=tuple(found for form in forms if (found := _proved(curve, form)) is not None))
 
 
 def proved_far(frame: Rough) -> Rough:

@@ -6,7 +6,7 @@ Two problems are solved by the barrier method, in unknowns w with y = N w (`zero
 What is found is rounded so that zero rows stay exactly zero.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -20,6 +20,7 @@ from persid._dyadics import rounded
 from persid.lyapunov.barrier import Centre, Region, definite, minimise
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.dual_start import dual_factor
+from persid.lyapunov.elimination import followed, multipliers, without
 from persid.lyapunov.frame import Frame, Matrices, Unknown
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.pairs import combine, pairings
@@ -32,6 +33,7 @@ from persid.lyapunov.zero_rows import Solvable, reduced
 ACROSS = ("difference", "one_signed")
 ROUNDS = 60
 FALL = 0.1  # share to which the complementarity falls in a round
+FEW = 60  # facts across channels with which a problem is small
 JOINING = 8  # facts, for each state, that may join in one
 START = 0.3  # of the ball of radius 1 in which a margin is sought
 ROOM = 1e4  # times the size of the first point: the ball in which a gain is made small
@@ -78,6 +80,12 @@ class Candidate:
         return self.matrices.rate
 
     @property
+    def eliminated(self) -> bool:
+        """Whether algebraic variables have left M, with the multipliers of their equations."""
+        algebraic = self.frame.order < self.frame.n
+        return algebraic and not any(each.label[0] == "equation" for each in self.solvable.unknowns)
+
+    @property
     def signs(self) -> Float[ndarray, "M W"]:
         """The rows of N of the unknowns that are positive."""
         return self.N[[k for k, each in enumerate(self.solvable.unknowns) if each.multiplier]]
@@ -98,11 +106,14 @@ class Candidate:
         """Return the candidate without multipliers that are zero, where no equations tie them to others."""
         if self.solvable.pivots:
             return self
-        kept = [k for k, each in enumerate(self.solvable.unknowns) if self.w[k] > 0 or not each.multiplier]
+        return self.part([k for k, each in enumerate(self.solvable.unknowns) if self.w[k] > 0 or not each.multiplier])
+
+    def part(self, kept: Sequence[int]) -> "Candidate":
+        """Return the candidate with some of its unknowns, where no equations tie them to others."""
         solvable = replace(
             self.solvable, unknowns=tuple(self.solvable.unknowns[k] for k in kept), free=tuple(range(len(kept)))
         )
-        return replace(self, solvable=solvable, matrices=self.matrices.part(kept), w=self.w[kept])
+        return replace(self, solvable=solvable, matrices=self.matrices.part(kept), w=self.w[list(kept)])
 
     def proposal(self) -> Proposal:
         """Round, without the unknowns that are negligible where that does little harm."""
@@ -116,6 +127,9 @@ class Candidate:
         free = free if self.frame.basis else rounded(free)  # badly scaled: every bit may count
         y = self.solvable.exact([Fraction(float(v)) for v in free])
         values = {each.label: v for each, v in zip(self.solvable.unknowns, y, strict=True) if v}
+        if self.eliminated:
+            sizes = self.matrices.rate / self.matrices.units[self.frame.order : self.frame.n] ** 2
+            values |= multipliers(self.frame, self.kappa, values, sizes)
         values |= dict(self.frame.solving)
         gamma, least = self.gamma(w), self.least(w)
         return Proposal(self.frame, self.kappa, values, self.solvable.zero, gamma * least, least)
@@ -142,7 +156,10 @@ class Candidate:
 
 def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, Matrices] | None:
     """Return the unknowns of a frame at a rate and the matrices in good units; None where no V is left."""
-    solvable = reduced(frame.unknowns(kappa, across=across), frame.entries, frame.order)
+    follows, listed, able = followed(frame), frame.unknowns(kappa, across=across), range(frame.order, frame.entries)
+    solvable = reduced(without(listed, follows), [i for i in able if i not in follows])
+    if follows and solvable is not None and solvable.zero:  # rows of channels that w reads would not vanish
+        follows, solvable = {}, reduced(listed, able)
     if solvable is None or (solvable.zero and frame.sloped):
         return None
     system = system_of(replace(frame, sloped=False))
@@ -150,7 +167,7 @@ def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, 
         rows = [[float(row.get(i, 0)) for i in range(frame.n)] for row in frame.basis]
         system = Coordinates(system, np.array(rows)).turned
     units = scaling(system)
-    kept = np.array([i for i in range(frame.entries) if i not in solvable.zero], int)
+    kept = np.array([i for i in range(frame.entries) if i not in solvable.zero and i not in follows], int)
     inputs, slopes = units.inputs[: frame.width - frame.entries], units.rate * units.entries[frame.z[frame.order :]]
     every = np.concatenate([units.entries, slopes, inputs])
     matrices = Matrices(frame, solvable.unknowns, every, units.rate, kept)
@@ -185,9 +202,8 @@ def feasible(frame: Frame, kappa: Fraction, left: Left, *, across: bool) -> Cand
         free = frame.order < frame.n or bool(frame.identities)  # multipliers of any sign
         plain = not (solvable.zero or frame.is_regional or frame.sloped or free)
         w = _priced(matrices, left) if plain else None
-        w = _centred(candidate, left) if w is None else w
-        candidate = replace(candidate, w=w)
-        return candidate if np.isfinite(candidate.gamma(w)) else None
+        candidate = _grown(candidate, left) if w is None else replace(candidate, w=w)
+        return candidate if np.isfinite(candidate.gamma(candidate.w)) else None
     except np.linalg.LinAlgError:  # numbers of a size that floating point does not bear
         return None
 
@@ -232,8 +248,30 @@ def _cost(unknown: Unknown) -> float:
     return {"mu": 1.0, "P": 2.0 * (unknown.label[1:] == unknown.label[2:] * 2)}.get(unknown.label[0], 0.0)
 
 
-def _centred(candidate: Candidate, left: Left) -> Float[ndarray, " W"]:
-    """Return the point where the barrier method has decided the sign of the margin."""
+def _grown(candidate: Candidate, left: Left) -> Candidate:
+    """Return the candidate at a centre, positive if one is found: of many facts across channels few join in rounds.
+
+    At a centre w, Z = M - tI, the margin rises with facts F of <Z^-1, F> > 0, the most with the largest.
+    """
+    unknowns = candidate.solvable.unknowns
+    facts = [k for k, each in enumerate(unknowns) if each.label[0] in ACROSS]
+    if candidate.solvable.pivots or len(facts) <= FEW:
+        return replace(candidate, w=_centred(candidate, left)[0])
+    chosen, every = sorted(set(range(len(unknowns))) - set(facts)), candidate.matrices.M()
+    for _ in range(ROUNDS):
+        part = candidate.part(chosen)
+        w, t = _centred(part, left)
+        Z = combine(part.matrices.M(), w) - t * np.eye(len(part.matrices.kept))
+        worth = pairings(every, np.linalg.inv(Z))
+        joining = sorted((k for k in facts if k not in set(chosen) and worth[k] > 0), key=lambda k: -worth[k])
+        if t > 0 or not joining or left() <= 0:
+            break
+        chosen = sorted({*chosen, *joining[:FEW]})
+    return replace(part, w=w)
+
+
+def _centred(candidate: Candidate, left: Left) -> tuple[Float[ndarray, " W"], float]:
+    """Return the point where the barrier method has decided the sign of the margin, and the margin."""
     frame, matrices, w = candidate.frame, candidate.matrices, _first(candidate)
     here = candidate.N @ w
     low = min(float(np.linalg.eigvalsh(combine(pairs, here))[0]) for pairs in (matrices.M(), matrices.Pt()))
@@ -251,7 +289,7 @@ def _centred(candidate: Candidate, left: Left) -> Float[ndarray, " W"]:
 
     region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), 1.0)
     found = minimise(region, objective, np.append(w, t / size), enough=decided, left=left)
-    return found.w[:-1]
+    return found.w[:-1], float(found.w[-1]) * size
 
 
 def _first(candidate: Candidate) -> ndarray:

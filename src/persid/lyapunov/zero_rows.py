@@ -10,7 +10,7 @@ further rows may be zero. The equations are solved by rational elimination: free
 pivots are then combinations of them. All is homogeneous, so one factor clears the denominators.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm
@@ -62,19 +62,19 @@ def _odd(number: int) -> int:
     return number // (number & -number)
 
 
-def reduced(unknowns: Sequence[Unknown], entries: int, states: int) -> Solvable | None:
+def reduced(unknowns: Sequence[Unknown], able: Collection[int]) -> Solvable | None:
     """Return the unknowns that may be positive together where rows of M vanish; None where no V is left.
 
-    `states` come first among the `entries`; their rows are kept, since V has to bound them.
+    Entries that are `able` to may have a zero row: no states, since V has to bound them.
     """
     left = list(unknowns)
     while True:
-        diagonals = [_diagonal(each, states, entries) for each in left]
+        diagonals = [_diagonal(each, able) for each in left]
         risen = {
             i for unknown, each in zip(left, diagonals, strict=True) for i, v in each.items()
             if v > 0 or not unknown.multiplier
         }  # fmt: skip
-        zero = tuple(i for i in range(states, entries) if i not in risen)
+        zero = tuple(i for i in able if i not in risen)
         lowering = [any(v < 0 and i in zero for i, v in each.items()) for each in diagonals]
         left = [each for each, out in zip(left, lowering, strict=True) if not out]
         if any(lowering):
@@ -88,11 +88,11 @@ def reduced(unknowns: Sequence[Unknown], entries: int, states: int) -> Solvable 
     return _eliminated(tuple(left), zero, equations, y) if left else None
 
 
-def _diagonal(unknown: Unknown, states: int, entries: int) -> dict[int, Fraction]:
+def _diagonal(unknown: Unknown, able: Collection[int]) -> dict[int, Fraction]:
     found: dict[int, Fraction] = {}
     for a, b in unknown.M:
         for i, v in a.items():
-            if states <= i < entries and i in b:
+            if i in able and i in b:
                 found[i] = found.get(i, _ZERO) + 2 * v * b[i]
     return found
 

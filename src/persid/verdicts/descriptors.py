@@ -159,7 +159,7 @@ def _candidates(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
 def _frame(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
     """Return the frame of a model on all of R^n, with the forms that are proved."""
     frame = _candidates(model, point)
-    return replace(frame, points=tuple(map(proved, frame.points)))
+    return replace(frame, points=tuple(proved(point, frame.order) for point in frame.points))
 
 
 def _variables(model: DescriptorModel, near: object, u: Float[ndarray, " m"]) -> Float[ndarray, " N"]:

@@ -1,5 +1,6 @@
 """Searches with facts across channels, and with rows that are exactly zero, that end in a proof."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -17,7 +18,7 @@ from persid.lyapunov.frame import Frame
 from persid.lyapunov.identities import Pairs, with_identities
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.operating_points import OperatingPoint
-from persid.lyapunov.points import points_of
+from persid.lyapunov.points import Point, points_of
 from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_gain, system_of
 from persid.lyapunov.reaching import with_reaches
 from persid.lyapunov.shifted_model import Setting, place
@@ -40,6 +41,7 @@ FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
 KEPT = 0.98  # share of the volume that a faster rate has to leave
 COARSE = 20  # bits of coordinates
 PAIRS: tuple[Pairs, Pairs] = ("states", "degree")
+DENSITIES = 3  # of a point that stand in V where proofs of their integrals are made for strips
 SEARCHING = 0.7  # share of the time for the widths of strips
 
 
@@ -72,7 +74,7 @@ def on_strips(setting: Setting, frame: Frame) -> list[Frame]:
 
 def has_zero_rows(frame: Frame) -> bool:
     """Whether functions stand in V' so that no certificate has a margin in them, as forces of springs do."""
-    found = reduced(frame.unknowns(Fraction(0), across=False), frame.entries, frame.n)
+    found = reduced(frame.unknowns(Fraction(0), across=False), range(frame.n, frame.entries))
     return found is not None and bool(found.zero)
 
 
@@ -106,7 +108,7 @@ def by_facts(
         The certificate, whose gain is small at the rate asked for or at half of the best one, or why there is none; and
         the certificate of the best rate, where that is another. With `each` every input has a gain of its own.
     """
-    frame = replace(frame, points=tuple(map(proved, frame.points)))
+    frame = replace(frame, points=tuple(proved(point, frame.order) for point in frame.points))
     if frame.sloped:
         frame = replace(frame, points=tuple(map(with_squares, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
@@ -163,10 +165,10 @@ def by_strips(
         return by_strips(about, frame, None, each, log, outputs)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    points = tuple(proved(point) for point in best.candidate.frame.points)
+    points = tuple(proved(point, frame.order) for point in _with_densities_of(best.candidate))
     solved_frame = solved(replace(frame, points=points), log.left)
     if solved_frame is None:
-        return stopped(Status.INFEASIBLE)
+        return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     return _fastest(about, solved_frame, best.volume, slowest, each=each, log=log, outputs=outputs)
 
 
@@ -175,7 +177,7 @@ def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log
     limit = decay.fastest(about.jacobian, None)
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
-    known = solved(replace(frame, points=tuple(map(proved, frame.points))), log.left)
+    known = solved(replace(frame, points=tuple(proved(point, frame.order) for point in frame.points)), log.left)
     if known is None:
         return Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE_IN_BOX)
     slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, None))
@@ -204,6 +206,16 @@ def _fastest(
                 return answer
             failure = answer
     return failure
+
+
+def _with_densities_of(candidate: Candidate) -> Iterator[Point]:
+    """Yield the points of a candidate, with the densities alone that count most in it: proofs of others take long."""
+    y = candidate.N @ candidate.w
+    sizes = {each.label[1:]: y[k] for k, each in enumerate(candidate.solvable.unknowns) if each.label[0] == "mu"}
+    for p, point in enumerate(candidate.frame.points):
+        most = sorted(range(len(point.forms)), key=lambda k: -sizes.get((p, k), 0.0))[:DENSITIES]
+        forms = (form if k in most else replace(form, c=np.nan) for k, form in enumerate(point.forms))
+        yield replace(point, forms=tuple(forms))
 
 
 def _power_of_two(number: float) -> Fraction:
