@@ -46,7 +46,7 @@ class Model:
     A0: tuple[tuple[Fraction, ...], ...]
     channels: tuple[Channel, ...]
     B: tuple[tuple[float, ...], ...]
-    b: tuple[float, ...]
+    b: tuple[float | Fraction, ...]
     dt: Fraction | None = None
     algebraic: int = 0
 

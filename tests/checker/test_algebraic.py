@@ -19,6 +19,7 @@ from persid_check import Accepted, FormatError, Malformed, Rejected, check, mode
 from persid_check.results import NotProvedError
 
 Content = dict[str, Any]
+ONE, ZERO = [1, 0], [0, 0]
 
 
 @cache
@@ -211,11 +212,10 @@ def test_solutions_of_the_equations_at_one_state_refute_nothing() -> None:
 @pytest.mark.parametrize(
     "witness",
     [
-        {"kind": "unstable-equilibrium", "point": _place(0, 0)},
         {"kind": "unstable-linear-part"},
-        {"kind": "marginal-direction", "direction": [[1, 0], [0, 0]]},
-        {"kind": "cooperative-growth", "point": _place(0, 0), "start": [[0, 0], [1, 0]]},
-        {"kind": "invariant-line", "direction": [[0, 0], [1, 0]], "offset": [1, 0]},
+        {"kind": "marginal-direction", "direction": [[1, 0]]},
+        {"kind": "cooperative-growth", "point": _place(0, 0), "start": [[1, 0]]},
+        {"kind": "invariant-line", "direction": [[1, 0]], "offset": [1, 0]},
     ],
     ids=lambda witness: witness["kind"],
 )
@@ -223,9 +223,141 @@ def test_rows_that_are_equations_are_no_derivatives(witness: Content) -> None:
     """x' = -x with 0 = w is stable, though w' = w would not be: every witness that says so is refused for its kind."""
     model = ps.DescriptorModel([[-1.0, 0.0], [0.0, 1.0]], [], [[1.0], [0.0]], algebraic=["w"])
     if witness["kind"].startswith("unstable"):
-        grows = {"S": [[[-1, 0]], [[0, 0], [1, 0]]], "sigma": [1, -1], "direction": [[0, 0], [1, 0]]}
-        witness = witness | grows | {"T": [[1], [0, 1]]}
+        witness = witness | {"S": [[[1, 0]]], "sigma": [1, -1], "direction": [[1, 0]], "T": [[1]]}
     answer = check(_refuted(model, witness))
+    assert isinstance(answer, Rejected)
+    assert answer.where == "witness.kind"
+
+
+@cache
+def _unstable() -> str:
+    """x' = x - w with w = x/2 - w^3: its linearisation is x' = x/2. The second state makes the forms of size 3."""
+    verdict = ps.certify(_run_away(1.0))
+    assert isinstance(verdict, ps.Refuted)
+    assert verdict.witness.kind == "unstable-equilibrium"
+    return json.dumps(verdict.witness.content)
+
+
+def _run_away(a: float) -> ps.DescriptorModel:
+    cube = ("x**3", [[0.0, 0.0, 1.0]], [[0.0], [0.0], [-1.0]])
+    A0 = [[a, 0.0, -1.0], [0.25, -1.0, 0.0], [0.5, 0.0, -1.0]]
+    return ps.DescriptorModel(A0, [cube], [[1.0], [0.0], [0.0]], algebraic=["w"])
+
+
+def _forged(path: tuple[Any, ...], value: Any) -> Content:
+    content = json.loads(_unstable())
+    at: Any = content
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = value
+    content["model_sha256"] = model_sha256(content["model"])
+    return dict(content)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("witness", "multipliers"), [[ZERO, ZERO, ZERO]]),
+        (("witness", "multipliers", 0, 2), [1, 0]),
+        (("witness", "multipliers", 0, 0), [1, 6]),
+        (("witness", "S", 0, 0), [-1, 0]),
+        (("witness", "S", 1, 1), [1, 3]),
+        (("witness", "sigma"), [-1, 0]),
+        (("witness", "sigma"), [1, 0]),
+        (("witness", "direction"), [ZERO, ONE]),
+        (("witness", "direction"), [ZERO, ZERO]),
+        (("witness", "point", "x", 2), ONE),
+        (("witness", "T"), [[1], [0, 1], [0, 0, 1]]),
+        (("witness", "T"), [[1]]),
+        (("model", "A0", 0, 0), (0.25).hex()),  # x' = -x/4 where the equation is solved: stable
+        (("model", "A0", 2, 2), (0.0).hex()),  # 0 = x/2 - w^3: no slope by w
+    ],
+)
+def test_a_forged_unstable_equilibrium_is_refused(path: tuple[Any, ...], value: Any) -> None:
+    """Whatever is changed: multipliers, the form, its rate, its direction, the place, the factor, the model."""
+    assert isinstance(check(data(json.loads(_unstable()))), Accepted)
+    assert isinstance(check(data(_forged(path, value))), Rejected)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("witness", "multipliers"), []),
+        (("witness", "multipliers"), [[ZERO, ZERO]]),
+        (("witness", "direction"), [ONE, ONE, ZERO]),
+        (("witness", "S"), [[ONE]]),
+        (("model",), "ordinary"),
+    ],
+)
+def test_multipliers_are_of_every_equation_and_all_variables(path: tuple[Any, ...], value: Any) -> None:
+    """Else the file is malformed, as it is where the model has no equations to multiply."""
+    if value == "ordinary":
+        value = {**json.loads(_unstable())["model"], "states": ["x1", "x2", "w"]}
+        del value["algebraic"]
+    assert isinstance(check(data(_forged(path, value))), Malformed)
+
+
+def _folded(at: int = 0) -> ps.DescriptorModel:
+    """x' = -x with 0 = w^3 - w + at: three solutions for |at| < .385, else one."""
+    cube = ("x**3", [[0.0, 1.0]], [[0.0], [1.0]])
+    return ps.DescriptorModel([[-1.0, 0.0], [0.0, -1.0]], [cube], [[1.0], [0.0]], b=[0.0, at], algebraic=["w"])
+
+
+@pytest.mark.parametrize(
+    ("points", "holds"),
+    [
+        ([(3, 0), (3, 1)], True),  # at x = 3, where the model does not rest
+        ([(0, -1), (0, 1)], True),
+        ([(0, 1), (0, 1)], False),
+        ([(0, 0), (1, 1)], False),  # two states
+        ([(0, 0), (0, 2)], False),  # no solution
+    ],
+)
+def test_two_solutions_are_of_one_state(points: list[tuple[int, int]], holds: bool) -> None:
+    """And differ, and solve the equations: nothing is said of stability, which the model has."""
+    witness = {"kind": "two-solutions", "points": [_place(*point) for point in points]}
+    answer = check(_refuted(_folded(), witness))
+    assert isinstance(answer, Accepted) is holds
+    if isinstance(answer, Accepted):
+        assert "is not well-posed: at x = " in answer.statement
+        assert "instability is not claimed" in answer.statement
+        assert "input-to-state" not in answer.statement
+    assert isinstance(check(_refuted(_folded(1), witness)), Rejected)
+
+
+def test_balls_that_touch_are_no_two_solutions() -> None:
+    """One solution may lie in both."""
+    wide = [{"x": [[0, 0], [v, -4]], "radius": [1, -4]} for v in (1, -1)]
+    assert isinstance(check(_refuted(_folded(), {"kind": "two-solutions", "points": wide})), Rejected)
+
+
+def test_a_free_direction_changes_no_equation() -> None:
+    """0 = x + tanh(w1 - w2) tells w1 - w2 alone; along (1, 1) nothing changes, along others it does."""
+    tanh = ("tanh(x)", [[0.0, 1.0, -1.0]], [[0.0], [1.0], [0.0]])
+    A0 = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, -2.0]]
+    model = ps.DescriptorModel(A0, [tanh], [[1.0], [0.0], [0.0]], algebraic=["w1", "w2"])
+    for direction, expected in (
+        ([ONE, ONE], Accepted),
+        ([ZERO, ZERO], Rejected),
+        ([ONE, ZERO], Rejected),
+        ([ONE, [-1, 0]], Rejected),
+        ([ONE, ONE, ONE], Malformed),
+    ):
+        answer = check(_refuted(model, {"kind": "free-direction", "direction": direction}))
+        assert isinstance(answer, expected), (direction, answer)
+    told = ps.DescriptorModel(A0, [("tanh(x)", [[0.0, 1.0, 0.0]], tanh[2])], [[1.0], [0.0], [0.0]], algebraic=2)
+    answer = check(_refuted(told, {"kind": "free-direction", "direction": [ONE, ONE]}))
+    assert isinstance(answer, Rejected)
+    assert "argument of channel 0" in answer.why
+
+
+@pytest.mark.parametrize("kind", ["two-solutions", "free-direction"])
+def test_a_model_without_equations_has_no_such_witness(kind: str) -> None:
+    """Nothing is said to be solved where nothing is to be."""
+    model = ps.PersidskiiModel([[-1.0]], B=[[1.0]])
+    fields = {"points": [_place(0), _place(1)]} if kind == "two-solutions" else {"direction": []}
+    content = {**heading(model, "refuted", "No."), "u": [[0, 0]], "witness": {"kind": kind, **fields}}
+    answer = check(data(content))
     assert isinstance(answer, Rejected)
     assert answer.where == "witness.kind"
 

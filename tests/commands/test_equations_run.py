@@ -1,5 +1,6 @@
 """`persid run --algebraic`: from measurements to a model with equations, its verdict and its page."""
 
+import html
 import json
 from pathlib import Path
 
@@ -7,8 +8,10 @@ import numpy as np
 import pytest
 
 import persid as ps
-from descriptors import circuit
+from descriptors import circuit, loop
 from persid.commands import cli
+from persid.reports.folder import write_folder
+from persid.reports.results import Results
 
 FIT = [
     "--states", "v", "--algebraic", "node,diode", "--inputs", "i", "--functions", "x; x, expm1(x); x",
@@ -61,6 +64,23 @@ def test_a_region_in_the_box_of_the_data_is_certified_and_reported(
     assert cli.main(["certify", "out/model.json", "--domain", "data", "-o", "again.json", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scope"] == "regional"
     assert isinstance(ps.check("again.json", "out/model.json"), ps.Accepted)
+
+
+@pytest.mark.parametrize(("gain", "title"), [(1.01, "Proved not stable"), (2.0, "Proved not well-posed")])
+def test_the_page_of_a_refuted_model_says_so(
+    gain: float, title: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That it runs away, or is not well-posed, in the words of the checker; the exit code is that of a refutation."""
+    model = loop(gain)
+    verdict = ps.certify(model)
+    assert isinstance(verdict, ps.Refuted)
+    write_folder(tmp_path / "out", Results(model, verdict, None, None))
+    page = html.unescape((tmp_path / "out" / "report.html").read_text())
+    assert title in page
+    assert verdict.witness.statement in page
+    assert "witness.json" in page
+    assert cli.main(["certify", str(tmp_path / "out" / "model.json"), "-o", str(tmp_path / "w.json"), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["verdict"] == "refuted"
 
 
 @pytest.mark.parametrize(

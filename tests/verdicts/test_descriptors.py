@@ -32,10 +32,10 @@ def test_a_loop_of_gain_below_1_is_certified(gain: float) -> None:
 
 @pytest.mark.parametrize(("f", "gain"), [("tanh(x)", 1.01), ("tanh(x)", 2.0), ("sat(x)", 1.01)])
 def test_a_loop_of_gain_above_1_is_refused(f: str, gain: float) -> None:
-    """Its equations have three solutions; the verdict says what is not proved."""
+    """Its equations have three solutions, or it runs away on one branch of them; one of these refutes it."""
     verdict = ps.certify(loop(gain, f))
-    assert isinstance(verdict, ps.Undecided)
-    assert "exactly one solution" in verdict.detail
+    assert isinstance(verdict, ps.Refuted)
+    assert verdict.witness.is_about_equations is (gain == 2)
     assert len({round(float(loop(2.0, f).solve([0.0], near=[w])[0]), 6) for w in (-2.0, 0.0, 2.0)}) == 3
 
 
@@ -238,6 +238,55 @@ def test_a_question_that_does_not_fit_is_refused() -> None:
             ps.certify(loop(0.5), domain=domain)
     with pytest.raises(ps.ModelError, match="operating_point"):
         ps.certify(loop(0.5), operating_point=[1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_linear_models_are_refuted_just_where_an_eigenvalue_is_positive(seed: int) -> None:
+    """With 1 to 3 states and 1 to 3 equations: that of the states once the equations are solved."""
+    rng = np.random.default_rng(seed)
+    n, k = rng.integers(1, 4, 2)
+    A = rng.normal(size=(n + k, n + k))
+    reduced = A[:n, :n] - A[:n, n:] @ np.linalg.solve(A[n:, n:], A[n:, :n])
+    largest = 0.3 * (-1) ** seed  # real part that the states' matrix is shifted to
+    A[:n, :n] += (largest - np.linalg.eigvals(reduced).real.max()) * np.eye(n)
+    verdict = ps.certify(ps.DescriptorModel(A, [], np.eye(n + k, n), algebraic=int(k)))
+    assert isinstance(verdict, ps.Refuted if largest > 0 else ps.Certified), verdict
+
+
+@pytest.mark.long
+def test_what_is_refuted_of_random_models_is_true() -> None:
+    """Runs from beside an unstable equilibrium leave it, and two solutions solve the equations."""
+    kinds = set()
+    for seed in range(60):
+        model = drawn(seed)
+        verdict = ps.certify(model, time_limit=5)
+        if isinstance(verdict, ps.Refuted):
+            kinds.add(verdict.witness.kind)
+            assert _is_true(model, verdict.witness)
+    assert kinds >= {"unstable-equilibrium", "two-solutions", "two-equilibria"}
+
+
+def _is_true(model: ps.DescriptorModel, witness: ps.Witness) -> bool:
+    said = witness.content["witness"]
+    points = [np.array([m * 2.0**e for m, e in p["x"]]) for p in said.get("points", [said.get("point")])]
+    n, zero = model.n, np.zeros(model.m)
+    if witness.kind == "two-solutions":
+        return max(np.abs(model.rows.rhs(z, zero)[n:]).max() for z in points) < 1e-9
+    if witness.kind == "two-equilibria":
+        return max(np.abs(model.rows.rhs(z, zero)).max() for z in points) < 1e-9
+    e = np.array([m * 2.0**e for m, e in said["direction"]])
+    x0 = points[0][:n] + 1e-4 * e / np.linalg.norm(e)
+    run = model.simulate(x0, np.linspace(0, 400, 2001), near=points[0][n:])[0]
+    away = np.linalg.norm(run.x[:, :n] - points[0][:n], axis=1).max()
+    return run.diverged_at is not None or run.stopped_at is not None or away > 1e-2
+
+
+def test_equations_that_do_not_change_with_a_variable_are_refuted() -> None:
+    """0 = x + u says nothing of w; the verdict names w."""
+    model = ps.DescriptorModel([[-1.0, 1.0], [1.0, 0.0]], [], [[0.0], [1.0]], algebraic=["w"])
+    verdict = ps.certify(model)
+    assert isinstance(verdict, ps.Refuted)
+    assert verdict.witness.kind == "free-direction"
 
 
 def _latch(gain: float, slope: float) -> ps.DescriptorModel:

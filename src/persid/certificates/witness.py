@@ -3,9 +3,10 @@
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +20,19 @@ from persid._files import Json, json_object, write_atomically
 from persid.certificates.acceptance import accepted
 from persid.certificates.encoding import encode, factor, heading
 from persid.errors import RejectedError, RoundingError
-from persid.lyapunov.operating_points import OperatingPoint
+from persid.lyapunov.operating_points import OperatingPoint, find_operating_point, usual_box
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
+from persid_check.refutations.format import POSED
+
+BESIDE = 3  # states beside one of rest at which a second solution of equations is looked for
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
     """A proof that a model is not input-to-state stable, accepted by `persid_check` byte for byte.
+
+    With algebraic variables it may be a proof that the model is not well-posed instead: `is_about_equations`.
 
     `sentence` is for people; `statement` and `steps` are the checker's own words.
 
@@ -53,6 +59,11 @@ class Witness:
         answer, content = accepted(data, ("refuted",)), json_object(data)
         return cls(data, content["witness"]["kind"], content["statement"], answer.statement, answer.steps)
 
+    @property
+    def is_about_equations(self) -> bool:
+        """Whether it says that equations do not tell what their variables are, and nothing about stability."""
+        return self.kind in POSED
+
     def save(self, path: str | Path) -> None:
         """Write the accepted bytes."""
         write_atomically(path, self.data)
@@ -73,11 +84,20 @@ class _Candidate:
     sentence: str
 
 
+def find_unposed(model: DescriptorModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]) -> Witness | None:
+    """Return a proof, accepted by the checker, that equations do not tell what their variables are, if one is found."""
+    return _first(model, u, _free_direction(model)) or _first(model, u, _two_solutions(model, u, points))
+
+
 def find_witness(
     model: PersidskiiModel | DescriptorModel, u: Float[ndarray, " m"], points: Sequence[OperatingPoint]
 ) -> Witness | None:
     """Return the first witness that the checker accepts, cheap ones first; `points` are proved equilibria at u."""
-    for candidate in _candidates(model, u, points):
+    return _first(model, u, _candidates(model, u, points))
+
+
+def _first(model: PersidskiiModel | DescriptorModel, u: ndarray, candidates: Iterator[_Candidate]) -> Witness | None:
+    for candidate in candidates:
         proof = {"u": dyadics(u), "witness": {"kind": candidate.kind, **candidate.fields}}
         with suppress(RejectedError):
             return Witness.accept(encode({**heading(model, "refuted", candidate.sentence), **proof}))
@@ -87,8 +107,9 @@ def find_witness(
 def _candidates(
     model: PersidskiiModel | DescriptorModel, u: ndarray, points: Sequence[OperatingPoint]
 ) -> Iterator[_Candidate]:
-    if isinstance(model, DescriptorModel):  # rows that are equations have no other kind
+    if isinstance(model, DescriptorModel):  # other kinds read rows as derivatives
         yield from _two_equilibria(model.rows, u, points)
+        yield from _unstable_with_equations(model, u, points)
         return
     for make in _OF_STEPS if model.is_discrete else _KINDS:
         yield from make(model, u, points)
@@ -114,6 +135,84 @@ def _unstable_equilibrium(model: PersidskiiModel, u: ndarray, points: Sequence[O
                 {"point": point.to_dict(with_input=False), **grown},
                 sentence[0].upper() + sentence[1:],
             )
+
+
+def _unstable_with_equations(
+    model: DescriptorModel, u: ndarray, points: Sequence[OperatingPoint]
+) -> Iterator[_Candidate]:
+    """The same of x' by x with the equations solved, and multipliers that need no solution.
+
+    With dw = G dx + e and J_w the slopes of the equations by w, J_w e = 0 along solutions. For the rows
+
+        N (dx, dw) = J_w^-T (e - J_xw'S dx)   is   2 dx'S (J_r dx + J_xw e) + 2 (N d)'(J_w e) = 2 dx'S J_r dx + 2 |e|^2.
+    """
+    n = model.n
+    for point in points:
+        J, G = np.asarray(model.rows.jacobian(point.x)), model.following(point.x)
+        grown = _growth(model.jacobian(point.x), False)
+        if grown is None:
+            continue
+        S = _symmetric(grown["S"])
+        size = float(np.abs(S).max())
+        N = rounded(np.linalg.solve(J[n:, n:].T, np.hstack([-size * G - J[:n, n:].T @ S, size * np.eye(len(G))])), 44)
+        Y, within = np.vstack([np.hstack([S, np.zeros((n, len(G)))]), N]), np.pad(S, (0, len(G)))
+        sigma = 2 * grown["sigma"][0] * 2.0 ** grown["sigma"][1]
+        with suppress(RoundingError):
+            T = factor(Y.T @ J + J.T @ Y - sigma * within)
+            sentence = (
+                f"{_at(model.rows, u)} its equilibrium {_numbers(point.x[:n])} is unstable, so the model is not ISS."
+            )
+            fields = {**grown, "T": T, "multipliers": [dyadics(row) for row in N]}
+            yield _Candidate(
+                "unstable-equilibrium",
+                {"point": point.to_dict(with_input=False), **fields},
+                sentence[0].upper() + sentence[1:],
+            )
+
+
+def _symmetric(lower: list[list[list[int]]]) -> Float[ndarray, "n n"]:
+    """Return the matrix of lower rows as a file has them."""
+    half = np.zeros((len(lower), len(lower)))
+    for i, row in enumerate(lower):
+        half[i, : i + 1] = [m * 2.0**e for m, e in row]
+    return half + np.tril(half, -1).T
+
+
+def _free_direction(model: DescriptorModel) -> Iterator[_Candidate]:
+    """Exact vectors along which no equation changes: the algebraic variables are not told apart."""
+    n, channels = model.n, model.channels
+    acting = channels.columns[n:].any(axis=0)
+    rows = np.vstack([channels.A0[n:, n:], channels.rows[acting][:, n:]])
+    for v in _kernel(rows):
+        along = _numbers(np.array([float(entry) for entry in v]))
+        sentence = f"Its equations do not change along {along} of {', '.join(model.algebraic)}: they do not tell them."
+        yield _Candidate("free-direction", {"direction": [[entry, 0] for entry in v]}, sentence)
+
+
+def _two_solutions(model: DescriptorModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
+    """Two solutions of the equations at one state: at one of rest, at the reference, and beside them."""
+    n, rows = model.n, model.rows
+    centre = points[0].x[:n] if points else model.x_ref
+    half = (usual_box(rows)[:n, 1] - usual_box(rows)[:n, 0]) / 2
+    directions = np.random.default_rng(0).uniform(-1, 1, (BESIDE, n))
+    for x in (centre, model.x_ref, *(centre + half * d for d in directions)):
+        x = model.x_ref + rounded(x - model.x_ref, 20)
+        found = find_operating_point(_held(rows, x), u)
+        for first, second in pairwise(found):
+            pair = [replace(each, x=np.concatenate([x, each.x[n:]])) for each in (first, second)]
+            w, other = (_numbers(each.x[n:]) for each in pair)
+            sentence = f"Its equations have several solutions: at x = {_numbers(x)} both {w} and {other}"
+            named = f"{sentence} are {', '.join(model.algebraic)}, so the model is not well-posed."
+            yield _Candidate("two-solutions", {"points": [each.to_dict(with_input=False) for each in pair]}, named)
+
+
+def _held(rows: PersidskiiModel, x: Float[ndarray, " n"]) -> PersidskiiModel:
+    """Return a model that rests at x with every solution of the equations there."""
+    n, channels = len(x), rows.channels
+    A0, columns, B, b = rows.channels.A0.copy(), channels.columns.copy(), rows.B.copy(), rows.b.copy()
+    A0[:n], columns[:n], B[:n], b[:n] = np.eye(n, rows.n), 0.0, 0.0, rows.x_ref[:n] - x
+    terms = [(f, channels.rows[[c]], columns[:, [c]]) for c, f in enumerate(channels.functions) if columns[:, c].any()]
+    return PersidskiiModel(A0, terms, B, b=b, x_ref=rows.x_ref, u_ref=rows.u_ref)
 
 
 def _unstable_linear_part(model: PersidskiiModel, u: ndarray, points: Sequence[OperatingPoint]) -> Iterator[_Candidate]:
@@ -191,8 +290,15 @@ def _left_kernel(A0: ndarray, eigenvalue: int) -> Iterator[list[int]]:
     n = len(A0)
     if n > 60 or np.linalg.matrix_rank(A0 - eigenvalue * np.eye(n)) == n:
         return
-    entries = [Fraction(float(v)) - eigenvalue * (k % (n + 1) == 0) for k, v in enumerate(A0.T.ravel())]
-    reduced, rank = fmpq_mat(n, n, [fmpq(v.numerator, v.denominator) for v in entries]).rref()
+    exact = [[Fraction(float(v)) - eigenvalue * (i == j) for j, v in enumerate(row)] for i, row in enumerate(A0.T)]
+    yield from _kernel(exact)
+
+
+def _kernel(rows: Sequence[Sequence[Fraction]] | ndarray) -> Iterator[list[int]]:
+    """Yield integer vectors spanning what all rows are zero on, exactly."""
+    n = len(rows[0])
+    entries = [Fraction(v) for row in rows for v in row]
+    reduced, rank = fmpq_mat(len(rows), n, [fmpq(v.numerator, v.denominator) for v in entries]).rref()
     pivots = [next(j for j in range(n) if reduced[i, j] != 0) for i in range(rank)]
     for free in (j for j in range(n) if j not in pivots):
         w = [Fraction(0)] * n

@@ -13,12 +13,12 @@ from persid.plots.outputs import output_run
 from persid.plots.style import short, timed_in
 from persid.reports import figures as drawings
 from persid.reports.figures import Drawing
-from persid.reports.front import UNSCORED, Front, capital
-from persid.reports.layout import CERTIFICATE, FIGURES, MODEL, REPORT
+from persid.reports.front import UNSCORED, Front, capital, refuted_front
+from persid.reports.layout import CERTIFICATE, FIGURES, MODEL, REPORT, WITNESS
 from persid.reports.results import Results
 from persid.reports.templating import environment
 from persid.verdicts.summary import limits, summarize
-from persid.verdicts.verdict import Certified
+from persid.verdicts.verdict import Certified, Refuted
 
 RUNS, VARIABLES = 2, 6  # that are drawn
 POOR = 0.5  # R^2 of a free run below which the model does not foretell
@@ -55,6 +55,8 @@ def _drawings(model: DescriptorModel, runs: FreeRuns) -> list[Drawing]:
 def equations_front(results: Results, model: DescriptorModel, runs: FreeRuns | None) -> Front:
     """Return status and sentence: green only where the proof holds and the model foretells every variable."""
     verdict = results.verdict
+    if isinstance(verdict, Refuted):
+        return refuted_front(verdict)
     sentence = f"{verdict.headline.rstrip('.').removeprefix('Certified: ')}."
     if not isinstance(verdict, Certified):
         return Front(summarize(verdict).verdict, "?", "Undecided", sentence, ())
@@ -70,6 +72,7 @@ def equations_front(results: Results, model: DescriptorModel, runs: FreeRuns | N
 def _page(results: Results, model: DescriptorModel, runs: FreeRuns | None, drawn: list[Drawing]) -> str:
     verdict = results.verdict
     certificate = verdict.certificate if isinstance(verdict, Certified) else None
+    proof = verdict.witness if isinstance(verdict, Refuted) else certificate
     compared: Json = (results.record.comparison if results.record else None) or {}
     said = limits(verdict, model.rows)
     regional = certificate is not None and certificate.scope == "regional"
@@ -80,7 +83,8 @@ def _page(results: Results, model: DescriptorModel, runs: FreeRuns | None, drawn
             model=model, brief=summarize(verdict), unit=results.time_unit, runs=runs, drawings=drawn,
             front=equations_front(results, model, runs), limits=(*said, BRANCH) if regional else said,
             certificate=certificate, record=results.record, equations=equations(model), unseen=compared.get("test"),
-            detail=getattr(verdict, "detail", ""), files={"model": MODEL, "proof": CERTIFICATE},
-            proof_sha256=hashlib.sha256(certificate.data).hexdigest() if certificate else None,
+            detail=getattr(verdict, "detail", ""), proof=proof,
+            files={"model": MODEL, "proof": CERTIFICATE if certificate else WITNESS},
+            proof_sha256=hashlib.sha256(proof.data).hexdigest() if proof else None,
         )
     )  # fmt: skip

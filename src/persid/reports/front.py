@@ -45,7 +45,7 @@ def front(results: Results) -> Front:
     doubts = tuple(map(capital, found))
     if not isinstance(verdict, Certified):
         if isinstance(verdict, Refuted):
-            return Front("refuted", "✗", "Proved not stable", f"{verdict.witness.sentence.rstrip('.')}{told}.", doubts)
+            return refuted_front(verdict, told, doubts)
         sentence = f"{verdict.reason.value.rstrip('.')}{told}."
         return Front("undecided", "?", "Undecided: neither proved stable nor refuted", sentence, doubts)
     doubts = doubts or ((capital(UNSCORED),) if scores is None else ())
@@ -54,6 +54,12 @@ def front(results: Results) -> Front:
     if doubts:
         return Front("certified doubtful", "!", f"{proved}, but doubtful", sentence, doubts)
     return Front("certified", "✓", f"{proved}, and it foretells", sentence, ())
+
+
+def refuted_front(verdict: Refuted, told: str = "", doubts: tuple[str, ...] = ()) -> Front:
+    """Return the first screen of a model that is refuted."""
+    title = "Proved not well-posed" if verdict.witness.is_about_equations else "Proved not stable"
+    return Front("refuted", "✗", title, f"{verdict.witness.sentence.rstrip('.')}{told}.", doubts)
 
 
 def _scores(results: Results) -> Scores | None:

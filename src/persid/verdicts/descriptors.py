@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
 from persid.certificates.facts import proved
-from persid.certificates.witness import find_witness
+from persid.certificates.witness import find_unposed, find_witness
 from persid.errors import ModelError
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
@@ -92,12 +92,21 @@ def _global(asked: Question, points: Sequence[OperatingPoint], log: Log) -> Cert
         values = solving(frame, log.left)
         outcome.append("not proved" if values is None else "proved")
     if values is None:
-        return Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE)
+        return _unposed(asked, points, log)
     with log.attempt("facts and equations") as outcome:
         about = About(model, point, model.jacobian(nearest.x))
         found, fastest = by_facts(about, replace(frame, solving=values), asked.rate, asked.each, log)
         outcome.append(_word(found))
     return found if isinstance(found, Failure) else Certified(found, tuple(log.attempts), fastest)
+
+
+def _unposed(asked: Question, points: Sequence[OperatingPoint], log: Log) -> Refuted | Failure:
+    """Refute that the equations tell what their variables are, where two solutions are found."""
+    witness = None
+    with log.attempt("several solutions of the equations") as outcome:
+        witness = find_unposed(asked.model, asked.u, points) if log.left() > 0 else None
+        outcome.append("none" if witness is None else witness.kind)
+    return Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE) if witness is None else Refuted(witness, tuple(log.attempts))
 
 
 def _region(asked: Question, points: Sequence[OperatingPoint], log: Log) -> Certified | Failure:

@@ -165,6 +165,12 @@ def attempt_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
 
 def limits(verdict: Verdict, model: PersidskiiModel) -> tuple[str, ...]:
     """Return what a verdict does not claim, one sentence each."""
+    if isinstance(verdict, Refuted) and verdict.witness.is_about_equations:
+        return (
+            "What is refuted is that the equations say, for all states and inputs, what the algebraic variables are: "
+            'instability is not claimed, and near an equilibrium a region, domain="auto", may still be certified.',
+            NO_PLANT,
+        )
     if isinstance(verdict, Refuted):
         return (
             "What is refuted is stability from all initial states: in a region around one of its equilibria the model "

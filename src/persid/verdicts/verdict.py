@@ -156,6 +156,8 @@ class Certified(_Verdict):
 class Refuted(_Verdict):
     """The model is not input-to-state stable: `witness` is a proof that `persid_check` has accepted.
 
+    Of a model with algebraic variables it may say that their equations have several solutions: it is not well-posed.
+
     Examples:
         >>> verdict = ps.certify(ps.PersidskiiModel(A0=[[1.0]], B=[[1.0]]))
         >>> verdict.witness.kind

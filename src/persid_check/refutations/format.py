@@ -25,7 +25,9 @@ class Obstruction:
 
 @dataclass(frozen=True)
 class Refutation:
-    """Claim "refuted": a witness of one kind against ISS for the constant input u; unused fields are empty."""
+    """Claim "refuted": a witness of one kind against ISS for the constant input u, or against equations that tell what
+    their variables are; unused fields are empty.
+    """
 
     subject: Subject
     u: tuple[Fraction, ...]
@@ -35,6 +37,7 @@ class Refutation:
     S: Lower
     number: Fraction
     factor: Factor
+    multipliers: tuple[tuple[Fraction, ...], ...]
 
 
 WITNESSES = {
@@ -44,7 +47,10 @@ WITNESSES = {
     "marginal-direction": ("direction",),
     "cooperative-growth": ("point", "start"),
     "invariant-line": ("direction", "offset"),
+    "two-solutions": ("points",),
+    "free-direction": ("direction",),
 }
+POSED = ("two-solutions", "free-direction")  # these are about equations alone
 FIELDS = {
     "infeasible": (*COMMON, "family", "groups", "L", "proof"),
     "refuted": (*COMMON, "u", "witness"),
@@ -84,7 +90,10 @@ def read_refutation(data: Stated) -> Refutation:
     """
     given = read_heading(data, FIELDS["refuted"])
     subject, kind = read_subject(given), _kind(given["witness"])
-    witness, model = given["witness"].fields(("kind", *WITNESSES[kind])), subject.model
+    model = subject.model
+    more = ("multipliers",) if kind == "unstable-equilibrium" and model.algebraic else ()
+    witness = given["witness"].fields(("kind", *WITNESSES[kind], *more))
+    size = model.algebraic if kind == "free-direction" else model.order
     u = given["u"].dyadics(model.m)
     balls = [*(witness["points"].items(2) if "points" in witness else ()), *_given(witness, "point")]
     vector, number = _given(witness, "direction", "start"), _given(witness, "sigma", "offset")
@@ -93,10 +102,13 @@ def read_refutation(data: Stated) -> Refutation:
         u=u,
         kind=kind,
         points=tuple(read_ball(ball, model, u) for ball in balls),
-        vector=vector[0].dyadics(model.n) if vector else (),
-        S=witness["S"].lower(model.n) if "S" in witness else (),
+        vector=vector[0].dyadics(size) if vector else (),
+        S=witness["S"].lower(model.order) if "S" in witness else (),
         number=number[0].dyadic() if number else Fraction(0),
         factor=witness["T"].factor() if "T" in witness else (),
+        multipliers=tuple(
+            row.dyadics(model.n) for entry in _given(witness, "multipliers") for row in entry.items(model.algebraic)
+        ),
     )
 
 

@@ -1,6 +1,7 @@
 """Claim "refuted": witnesses that the model is not ISS for the constant input u, whatever the point."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from persid_check.definite import is_positive_definite
@@ -8,9 +9,9 @@ from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
 from persid_check.exact import MAX_EXPONENT, Matrix, diagonal, matrix
 from persid_check.expression import Program
-from persid_check.model import Channel
+from persid_check.model import Channel, Model
 from persid_check.refutations import sentences
-from persid_check.refutations.format import Refutation
+from persid_check.refutations.format import POSED, Refutation
 from persid_check.results import NotProvedError
 from persid_check.search.prover import prove_bounded, prove_bounded_below, prove_continuous, prove_nondecreasing
 from persid_check.search.side import Curve
@@ -28,8 +29,11 @@ def prove_refutation(claim: Refutation) -> tuple[str, tuple[str, ...]]:
         raise NotProvedError("witness.kind", "in discrete time it proves nothing: a sequence may jump over")
     if model.algebraic and claim.kind not in _OF_EQUATIONS:
         raise NotProvedError("witness.kind", "it reads rows as derivatives, and some of them are equations")
+    if not model.algebraic and claim.kind in POSED:
+        raise NotProvedError("witness.kind", "the model has no equations")
     for i, point in enumerate(claim.points):
-        if not has_unique_equilibrium(model.resting, point.x, point.radius, point.u):
+        resting = _held(model, point.x) if claim.kind in POSED else model.resting
+        if not has_unique_equilibrium(resting, point.x, point.radius, point.u):
             raise NotProvedError(f"witness.points[{i}]", "no proof that exactly one equilibrium lies in the ball")
     for c, channel in enumerate(model.channels):
         if not prove_continuous(_curve(channel)):
@@ -40,6 +44,40 @@ def prove_refutation(claim: Refutation) -> tuple[str, tuple[str, ...]]:
 
 def _curve(channel: Channel) -> Curve:
     return ((channel.program, Fraction(1)),)
+
+
+def _held(model: Model, x: Sequence[Fraction]) -> Model:
+    """The model whose states stay at those of x: it rests where its equations hold there."""
+    n, zero = model.order, (0.0,) * model.order
+    unit = tuple(tuple(Fraction(i == j) for j in range(model.n)) for i in range(n))
+    channels = tuple(replace(channel, column=(*zero, *channel.column[n:])) for channel in model.channels)
+    B = (*[(0.0,) * model.m] * n, *model.B[n:])
+    b = (*(model.x_ref[i] - x[i] for i in range(n)), *model.b[n:])
+    return replace(model, A0=(*unit, *model.A0[n:]), channels=channels, B=B, b=b)
+
+
+def _two_solutions(claim: Refutation) -> None:
+    """Two balls, each with a solution of the equations at the same state, are disjoint in the algebraic variables."""
+    one, two = claim.points
+    n = claim.subject.model.order
+    if one.x[:n] != two.x[:n]:
+        raise NotProvedError("witness.points", "they have different states")
+    if not any(abs(a - b) > one.radius + two.radius for a, b in zip(one.x[n:], two.x[n:], strict=True)):
+        raise NotProvedError("witness.points", "the two solutions are not proved to differ")
+
+
+def _free_direction(claim: Refutation) -> None:
+    """Equations do not change along v != 0 of the algebraic variables, exactly."""
+    model, v = claim.subject.model, claim.vector
+    n = model.order
+    if not any(v):
+        raise NotProvedError("witness.direction", "it is zero")
+    if any(_dot(v, row[n:]) for row in model.A0[n:]):
+        raise NotProvedError("witness.direction", "the linear part of an equation changes along it")
+    for c, channel in enumerate(model.channels):
+        along = sum((r * v[i - n] for i, r in channel.row.items() if i >= n), Fraction(0))
+        if along and any(channel.column[n:]):
+            raise NotProvedError("witness.direction", f"the argument of channel {c}, in an equation, changes along it")
 
 
 def _two_equilibria(claim: Refutation) -> None:
@@ -72,26 +110,30 @@ def _unstable_linear_part(claim: Refutation) -> None:
 def _grows(claim: Refutation, J: Sequence[Sequence[Interval]]) -> None:
     """S, sigma >= 0, e with e'Se > 0, and J'S + S J - 2 sigma S > 0 for every J in the intervals.
 
-    In discrete time sigma >= 1, and J'S J - sigma S > 0.
+    In discrete time sigma >= 1, and J'S J - sigma S > 0. With algebraic variables J is of all rows, and Y J + J'Y' with
+    Y' = (S, 0) and the multipliers of equations stands in place of S J + J'S.
     """
-    n, sigma, e, steps = claim.subject.model.n, claim.number, claim.vector, claim.subject.model.is_discrete
+    n, sigma, e, steps = claim.subject.model.order, claim.number, claim.vector, claim.subject.model.is_discrete
     S = [[claim.S[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
     if sigma < steps:
         raise NotProvedError("witness.sigma", "it is less than 1" if steps else "it is negative")
     if not sum(e[i] * S[i][j] * e[j] for i in range(n) for j in range(n)) > 0:
         raise NotProvedError("witness.direction", "e'Se is not positive")
-    lower = _lower_bound_of_step(S, sigma, J) if steps else _lower_bound(S, sigma, J)
+    lower = _lower_bound_of_step(S, sigma, J) if steps else _lower_bound(claim, S, J)
     if not is_positive_definite(lower, claim.factor):
         form = "J'S J - sigma S" if steps else "J'S + S J - 2 sigma S"
         raise NotProvedError("witness.T", f"{form} is not proved positive definite")
 
 
-def _lower_bound(S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]) -> Matrix:
-    """The middle of J'S + S J - 2 sigma S over the intervals, less the row sums of the radii on its diagonal."""
-    n = len(S)
+def _lower_bound(claim: Refutation, S: Sequence[Sequence[Fraction]], J: Sequence[Sequence[Interval]]) -> Matrix:
+    """The middle of Y J + J'Y' - 2 sigma S over the intervals, less the row sums of the radii on its diagonal."""
+    size, k = len(J), len(claim.multipliers)
     middle, radius = _middle_and_radius(J)
-    SJ, spread = matrix(S, n) * middle, _sizes(matrix(S, n)) * radius
-    return SJ + SJ.T + -(diagonal([2 * sigma] * n) * matrix(S, n)) + -_row_sums(spread + spread.T)
+    padded = [[*row, *[Fraction(0)] * k] for row in S]
+    Y = matrix([*padded, *claim.multipliers], size).T
+    YJ, spread = Y * middle, _sizes(Y) * radius
+    growth = diagonal([2 * claim.number] * size) * matrix([*padded, *[[Fraction(0)] * size] * k], size)
+    return YJ + YJ.T + -growth + -_row_sums(spread + spread.T)
 
 
 def _lower_bound_of_step(S: Sequence[Sequence[Fraction]], sigma: Fraction, J: Sequence[Sequence[Interval]]) -> Matrix:
@@ -214,7 +256,7 @@ def _along(channels: Sequence[Channel], v: Sequence[Fraction]) -> Mapping[Part, 
     return parts
 
 
-_OF_EQUATIONS = ("two-equilibria",)
+_OF_EQUATIONS = ("two-equilibria", "unstable-equilibrium", *POSED)
 _OF_STEPS = ("two-equilibria", "unstable-equilibrium", "unstable-linear-part", "marginal-direction")
 _KINDS: dict[str, Callable[[Refutation], None]] = {
     "two-equilibria": _two_equilibria,
@@ -223,4 +265,6 @@ _KINDS: dict[str, Callable[[Refutation], None]] = {
     "marginal-direction": _marginal_direction,
     "cooperative-growth": _cooperative_growth,
     "invariant-line": _invariant_line,
+    "two-solutions": _two_solutions,
+    "free-direction": _free_direction,
 }

@@ -1,8 +1,11 @@
 """The checker's own sentences on refutations and obstructions: what was proved, and the steps of the proof."""
 
-from persid_check.refutations.format import Obstruction, Refutation
+from collections.abc import Sequence
+
+from persid_check.reading import Ball
+from persid_check.refutations.format import POSED, Obstruction, Refutation
 from persid_check.subject import Subject
-from persid_check.words import equilibrium, explained, model_named, vector
+from persid_check.words import SHOWN, equilibrium, explained, model_named, state_names, vector
 
 
 def _model(subject: Subject) -> str:
@@ -32,6 +35,8 @@ def infeasibility_steps(claim: Obstruction) -> tuple[str, ...]:
 
 def refutation(claim: Refutation) -> str:
     """Return the sentence of claim "refuted"."""
+    if claim.kind in POSED:
+        return explained(f"{_model(claim.subject)} is not well-posed: {_unposed(claim)}. {_UNSAID}")
     u = f"the constant input u = {vector(claim.u)}"
     places = " and ".join(vector(point.x) for point in claim.points)
     line = f"s = {vector((claim.number,))}, v = {vector(claim.vector)}"
@@ -51,12 +56,33 @@ def refutation(claim: Refutation) -> str:
     return explained(f"{_model(claim.subject)} is not input-to-state stable about {about}: {reason}.")
 
 
+def _unposed(claim: Refutation) -> str:
+    """Why the equations do not tell what their variables are."""
+    model = claim.subject.model
+    names = ", ".join(state_names(model.states)[model.order :][:SHOWN])
+    if claim.kind == "free-direction":
+        along = f"v = {vector(claim.vector)} of {names}"
+        return f"its equations do not change along {along}, so for no x and u have they exactly one solution"
+    x, (one, two) = claim.points[0].x[: model.order], (vector(point.x[model.order :]) for point in claim.points)
+    return f"at x = {vector(x)} and u = {vector(claim.u)} its equations are solved by {names} near {one} and near {two}"
+
+
+_UNSAID = "So no sentence that speaks of exactly one solution for every x and u is true; instability is not claimed."
+
+
 def refutation_steps(claim: Refutation) -> tuple[str, ...]:
     """Return the proof of claim "refuted" as steps."""
     steps = ["The model's hash agrees, and every function is continuous on R."]
-    steps += [f"Proved: {equilibrium(point)}." for point in claim.points]
-    steps.append((_WITNESS | (_WITNESS_OF_STEPS if claim.subject.model.is_discrete else {}))[claim.kind])
+    of = claim.subject.model.algebraic
+    steps += [f"Proved: {equilibrium(point, '(x*, w*)' if of else 'x*')}." for point in _resting(claim)]
+    special = (_WITNESS_OF_STEPS if claim.subject.model.is_discrete else {}) | (_WITNESS_OF_EQUATIONS if of else {})
+    steps.append((_WITNESS | special)[claim.kind])
     return tuple(f"{i}. {step}" for i, step in enumerate(steps, start=1))
+
+
+def _resting(claim: Refutation) -> Sequence[Ball]:
+    """The places at which the model was proved to rest."""
+    return () if claim.kind in POSED else claim.points
 
 
 _WITNESS = {
@@ -70,6 +96,13 @@ _WITNESS = {
     " {x >= start} is invariant and does not hold x*.",
     "invariant-line": "F(x_ref + s v, u) = g(s) v for all s exactly, and s g(s) >= 0 at the offset: on the line a"
     " solution never returns.",
+    "two-solutions": "With the states at those of both centres exactly one solution of the equations lies in each ball;"
+    " the balls are disjoint.",
+    "free-direction": "Rows of A0 and arguments of channels in equations vanish along v, which is not 0.",
+}
+_WITNESS_OF_EQUATIONS = {
+    "unstable-equilibrium": "2 (S dx)'(J_x d) + 2 sum (n'd)(J_w d) - 2 sigma dx'S dx > 0 for every Jacobian J about the"
+    " ball, sigma >= 0, and e'Se > 0: near it each x has one w, and (x - x*)'S(x - x*) grows from arbitrarily near x*.",
 }
 _WITNESS_OF_STEPS = {
     "unstable-equilibrium": "J'S J - sigma S > 0 for every Jacobian J about the ball, sigma >= 1, and e'Se > 0:"
