@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+import persid as ps
 from checker import known_ledgers, named
 from checker.known_steps import steps_model
 from checker.maker import Wanted, data, dyadic, file, make, model
@@ -15,6 +16,7 @@ from checker.test_algebraic import _content as with_equations
 from checker.test_algebraic_regions import _content as fold_region
 from checker.test_network import file as network_file
 from checker.test_network import model as network_model
+from descriptors import loop
 from persid_check import Accepted, Rejected, canonical_model, check, model_sha256, words
 from persid_check.ledger import sentences as of_ledgers
 from persid_check.networks import sentences as of_networks
@@ -245,6 +247,13 @@ def refuted_in_steps(a: float, kind: str, **witness: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def refuted_with_equations() -> list[dict[str, Any]]:
+    """Witnesses against models with algebraic variables: one runs away, one has two solutions, one tells nothing."""
+    untold = ps.DescriptorModel([[-1.0, 1.0], [1.0, 0.0]], [], [[0.0], [1.0]], algebraic=["w"])
+    verdicts = map(ps.certify, (loop(1.01), loop(2.0), untold))
+    return [verdict.witness.content for verdict in verdicts if isinstance(verdict, ps.Refuted)]
+
+
 def corpus() -> str:
     """All that accepted files print: the kept certificates and those of this file."""
     long = model([("tanh(x)", [[1.0] * 13], [[0.0]] * 13)], diagonal(13, -1.0), [[0.0]] * 13, n=13)
@@ -266,6 +275,7 @@ def corpus() -> str:
             -2.0, "unstable-equilibrium", S=[[[1, 0]]], sigma=[1, 0], T=[[1]], point={"x": [[0, 0]], "radius": [0, 0]}
         ),
         named.load("infeasible_full") | {"family": "diagonal", "proof": {}},
+        *refuted_with_equations(),
     ]
     return "\n".join([*("The model with " + said(content) for content in found), answer(network_members()).statement])
 
