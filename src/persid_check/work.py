@@ -13,17 +13,19 @@ from typing import ParamSpec, TypeVar
 from persid_check.memory import Question, answers
 from persid_check.results import NotProvedError
 
-BASE_STEPS = 5 * 10**6  # that the proofs of a file may take, and more for each of its groups of channels
-GROUP_STEPS = 5 * 10**5
-BYTE_STEPS = 100  # of the share of its groups, for each byte of the file
+STEPS = 2 * 10**5  # that the proofs of a file may take, and more for each byte
+STEPS_OF_A_BYTE = 16
+MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
+MOST_OF_A_BYTE = 8
+SEARCHED = 100  # steps of a byte of a file without partitions: they are sought
 
 _Key = ParamSpec("_Key")
 _Answer = TypeVar("_Answer")
 
 
-def allowance(groups: int, size: int) -> int:
-    """Return the steps that a file with so many groups and bytes may take."""
-    return BASE_STEPS + min(GROUP_STEPS * groups, BYTE_STEPS * size)
+def allowance(size: int, of_a_byte: int = STEPS_OF_A_BYTE, most: int = MOST_STEPS) -> int:
+    """Return the steps that a file of so many bytes may take."""
+    return min(STEPS + of_a_byte * size, max(most, MOST_OF_A_BYTE * size))
 
 
 class _Account:

@@ -216,10 +216,12 @@ def test_hostile_files_are_answered_in_little_memory(tmp_path: Path) -> None:
     assert all(place or kind == "Accepted" for kind, place in answers)
 
 
-def test_steps_are_allowed_by_groups_and_by_bytes() -> None:
-    """A small file cannot buy steps by naming many groups: they are paid for in bytes."""
-    assert work.allowance(1, 10**6) == work.BASE_STEPS + work.GROUP_STEPS
-    assert work.allowance(3000, 1000) == work.BASE_STEPS + 1000 * work.BYTE_STEPS
+def test_steps_are_allowed_by_bytes_up_to_a_limit() -> None:
+    """A file buys steps by its length, up to a limit that only a very long one passes."""
+    assert work.allowance(1000) == work.STEPS + 1000 * work.STEPS_OF_A_BYTE
+    assert work.allowance(10**5, work.SEARCHED) == work.MOST_STEPS
+    assert work.allowance(10**6, work.SEARCHED, 10**7) == 10**7
+    assert work.allowance(10**7) == work.MOST_OF_A_BYTE * 10**7
 
 
 SPARSE = {

@@ -90,7 +90,7 @@ def curve(*texts: str, alpha: Fraction = Fraction(1)):
 @pytest.mark.parametrize("text", INCREASING + MORE_TRUE)
 def test_true_sector_functions_are_proved(text: str) -> None:
     """Each true sector function is proved on R, within the steps that a file may take."""
-    with limited(allowance(1, 1000)):
+    with limited(allowance(1000)):
         assert prove_sector_form(curve(text), ONE)
 
 
@@ -267,7 +267,7 @@ def test_hard_expressions_end_soon() -> None:
         "x*sin(x)**2+x/1e300",
         "sin(exp(x))+x",
     ):
-        with limited(allowance(1, 1000)):
+        with limited(allowance(1000)):
             prove_sector_form(curve(text), ONE)
 
 

@@ -21,14 +21,14 @@ from checker.test_network import model as network_model
 from persid_check import Accepted, Malformed, Rejected, check, model_sha256
 from persid_check.enclosure import PRECISION, constant
 from persid_check.ledger.algebraic import prove_algebraic
-from persid_check.ledger.check import MOST_STEPS
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.identities import prove_identity
 from persid_check.memory import Question
 from persid_check.networks import certificate as of_networks
+from persid_check.networks import check as networks
 from persid_check.networks.members import Members
 from persid_check.results import NotProvedError
-from persid_check.work import BYTE_STEPS, GROUP_STEPS, limited
+from persid_check.work import MOST_STEPS, SEARCHED, STEPS, limited
 
 PRIME = 2**61 - 1  # Python's numbers hash modulo it
 SECONDS = 30  # of the processor of a busy machine, for files of half a megabyte at most, which took minutes
@@ -130,8 +130,8 @@ def test_many_kinds_with_long_expansions_are_within_the_limit() -> None:
     with limited(10**6) as account:
         of_networks.prove_network(claim)
     kind = len(json.dumps(content["kinds"][0], separators=(",", ":")))
-    assert 8 * kind * BYTE_STEPS + GROUP_STEPS > account.spent > 10_000
-    assert account.spent < 8 * GROUP_STEPS / 10
+    assert 8 * kind * SEARCHED + STEPS > account.spent > 10_000
+    assert 1000 * account.spent / 8 < networks.MOST_STEPS
 
 
 def test_kinds_that_no_node_has_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:

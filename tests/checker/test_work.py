@@ -9,15 +9,22 @@ from checker.maker import data
 from persid_check import Accepted, Rejected, check, memory, work
 from persid_check.expression import parse
 from persid_check.ledger import check as ledger_check
+from persid_check.refutations import check as refutations
 from persid_check.search import prover
+from persid_check.version_1 import check as version_1
+
+
+def allow(patch: pytest.MonkeyPatch, steps: int) -> None:
+    """Let every file take so many steps, whatever its length."""
+    for kind in (version_1, refutations, ledger_check):
+        patch.setattr(kind, "allowance", lambda *given: steps)
 
 
 def spent(name: str) -> int:
     """Return the steps that the proofs of a valid certificate take."""
     for steps in range(4, 30):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(work, "BASE_STEPS", 2**steps)
-            patch.setattr(work, "GROUP_STEPS", 0)
+            allow(patch, 2**steps)
             if isinstance(check(data(named.load(name))), Accepted):
                 return 2**steps
     raise ValueError("it is not accepted")
@@ -26,8 +33,7 @@ def spent(name: str) -> int:
 @pytest.mark.parametrize("name", ["g_mixed_pair", "e_shifted", "r_pendulum", "refuted_marginal"])
 def test_a_file_beyond_the_limit_is_rejected(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With too small a limit a valid certificate is rejected, with a reason that says so."""
-    monkeypatch.setattr(work, "BASE_STEPS", 3)
-    monkeypatch.setattr(work, "GROUP_STEPS", 0)
+    allow(monkeypatch, 3)
     result = check(data(named.load(name)))
     assert isinstance(result, Rejected)
     assert "steps" in result.why
@@ -46,23 +52,24 @@ def test_the_answer_does_not_depend_on_what_was_checked_before(name: str) -> Non
 def test_a_ledger_costs_the_same_steps_again(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The step at which a ledger is refused for its length is the same before and after its lemmas are known."""
     file = ledgers.data(known_ledgers.load(name))
-    monkeypatch.setattr(ledger_check, "STEPS_OF_A_BYTE", 0)
+
+    def holds(steps: int) -> bool:
+        allow(monkeypatch, steps)
+        return isinstance(check(file), Accepted)
 
     def least() -> int:
-        low, high = 0, ledger_check.STEPS
+        low, high = 0, 10**5
         while high - low > 1:
-            monkeypatch.setattr(ledger_check, "STEPS", (low + high) // 2)
-            low, high = (low, ledger_check.STEPS) if isinstance(check(file), Accepted) else (ledger_check.STEPS, high)
+            middle = (low + high) // 2
+            low, high = (low, middle) if holds(middle) else (middle, high)
         return high
 
     memory.forget()
-    monkeypatch.setattr(ledger_check, "STEPS", 10**5)
-    cold = [isinstance(check(file), Accepted)]
+    cold = [holds(10**5)]
     warm = least()
     for steps in (warm - 1, warm):
         memory.forget()
-        monkeypatch.setattr(ledger_check, "STEPS", steps)
-        cold.append(isinstance(check(file), Accepted))
+        cold.append(holds(steps))
     assert cold == [True, False, True]
 
 
@@ -79,12 +86,12 @@ def test_a_proof_is_counted_once() -> None:
 
 
 def test_honest_files_are_far_from_the_limit() -> None:
-    """The kept certificates take less than a hundredth of what they may."""
-    assert max(spent(name) for name in ("g_mixed_pair", "e_shifted", "r_pendulum")) < work.BASE_STEPS / 100
+    """The kept certificates take less than a twentieth of what the shortest file may."""
+    assert max(spent(name) for name in ("g_mixed_pair", "e_shifted", "r_pendulum")) < work.STEPS / 20
 
 
 def test_without_a_file_there_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Proofs that the producer asks for are not counted."""
-    monkeypatch.setattr(work, "BASE_STEPS", 0)
+    allow(monkeypatch, 0)
     memory.forget()
     assert prover.prove_sector_form((), [1])

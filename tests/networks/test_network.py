@@ -332,6 +332,11 @@ def test_the_command_line_certifies_a_sparse_model_file(tmp_path: Path, capsys: 
     assert "claim L1" in capsys.readouterr().out
 
 
+def test_a_large_ring_keeps_the_rate_of_a_small_one() -> None:
+    """Cones of larger networks have fewer generators, still enough for four functions a node."""
+    assert certified(ring_model(80_000, 0.5)).rate == pytest.approx(certified(ring_model(100, 0.5)).rate, rel=0.01)
+
+
 @pytest.mark.slow
 def test_a_million_states() -> None:
     """A ring of a million states with four functions is certified."""

@@ -11,15 +11,11 @@ from persid_check.ledger.further import has_feedback
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
 from persid_check.results import Accepted, FormatError, NotProvedError
-from persid_check.work import limited
+from persid_check.work import allowance, limited
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
 
-STEPS = 2 * 10**5  # that the proofs of a file may take, and more for each byte
-STEPS_OF_A_BYTE = 16
-MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
-MOST_OF_A_BYTE = 8
 ENTRIES = 10**6  # of a matrix, and more for each byte
 
 
@@ -44,7 +40,7 @@ def check_ledger(
     width += len(ledger.inside)
     if max(width, len(ledger.points)) * width > ENTRIES + 4 * (size + sum(array.nbytes for array in arrays.values())):
         raise NotProvedError("model", "its matrices are too large for a file of this length")
-    with limited(min(STEPS + STEPS_OF_A_BYTE * size, max(MOST_STEPS, MOST_OF_A_BYTE * size))):
+    with limited(allowance(size)):
         proved = prove(ledger)
     further = {
         "incremental": proved.incremental,

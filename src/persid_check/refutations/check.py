@@ -7,7 +7,7 @@ from persid_check.refutations.format import Obstruction, Refutation, read_obstru
 from persid_check.refutations.obstruction import prove_obstruction
 from persid_check.refutations.refutation import prove_refutation
 from persid_check.results import Accepted
-from persid_check.work import allowance, limited
+from persid_check.work import SEARCHED, allowance, limited
 
 
 def check_refutation(data: Mapping[str, object], size: int, wanted: Meant | None) -> Accepted:
@@ -18,7 +18,7 @@ def check_refutation(data: Mapping[str, object], size: int, wanted: Meant | None
     """
     claim = read_refutation(data) if data["claim"] == "refuted" else read_obstruction(data)
     require_same(claim.subject.form, claim.subject.sha256, wanted)
-    with limited(allowance(len(claim.subject.groups), size)):
+    with limited(allowance(size, SEARCHED)):
         statement, steps = _proof(claim)
     return Accepted(claim.subject.claim, statement, steps)
 

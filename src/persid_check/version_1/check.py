@@ -7,7 +7,7 @@ from persid_check.results import Accepted
 from persid_check.version_1.claims import prove_stability
 from persid_check.version_1.conclusions import detached, read_conclusions
 from persid_check.version_1.format import read_certificate
-from persid_check.work import allowance, limited
+from persid_check.work import SEARCHED, allowance, limited
 
 
 def check_version_1(data: Mapping[str, object], size: int, wanted: Meant | None) -> Accepted:
@@ -20,5 +20,5 @@ def check_version_1(data: Mapping[str, object], size: int, wanted: Meant | None)
     claim = read_certificate(plain)
     subject, more = claim.subject, read_conclusions(optional, claim.subject)
     require_same(subject.form, subject.sha256, wanted, None if more.outputs is None else more.outputs.sha256)
-    with limited(allowance(len(subject.groups), size)):
+    with limited(allowance(size, SEARCHED)):
         return prove_stability(claim, more)
