@@ -9,6 +9,9 @@ import persid as ps
 from persid.errors import DataError
 from persid.identification.learned import knots, ramps, simplest, with_ramps
 from persid.models.functions import scalar_function
+from persid.plots.characteristics import effect
+from persid.reports.folder import write_folder
+from persid.reports.results import Results
 
 Array = Float[ndarray, " N"]
 STEP, SAMPLES, NOISE = 0.05, 2000, 0.01
@@ -196,6 +199,94 @@ def test_data_out_of_memory_learn_too(tmp_path) -> None:
     assert miss(along(far.model_, x), along(near.model_, x)) < 1e-3
 
 
+ROW = np.array([[-1.0, 0.0, 0.0], [1.0, -0.7, 0.0], [0.0, 0.7, -0.5]])  # three tanks: what each outflow adds where
+SHARED = {
+    "outflow": lambda x: np.sign(x) * (np.sqrt(np.abs(x) + 0.02) - np.sqrt(0.02)),
+    "dead zone": lambda x: 0.3 * x + np.sign(x) * np.maximum(np.abs(x) - 0.5, 0),
+    "saturation": lambda x: 0.3 * x + 2 * np.clip(x, -0.5, 0.5),
+}
+
+
+def in_a_row(curve, seed: int = 0, noise: float = NOISE) -> ps.Trajectories:
+    """2,000 samples of x' = ROW f(x) + (u, 0, 0)', u in random steps of 1 s, with noise of 1 % of the range."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.5, 1.5, SAMPLES // 20), 20)
+    x = np.zeros((SAMPLES, 3))
+    for k in range(SAMPLES - 1):
+        y, first = x[k], np.array([u[k], 0.0, 0.0])
+        for _ in range(4):  # the midpoint rule
+            half = y + STEP / 8 * (ROW @ curve(y) + first)
+            y = y + STEP / 4 * (ROW @ curve(half) + first)
+        x[k + 1] = y
+    return ps.Trajectories.from_arrays(x + noise * np.ptp(x, axis=0) * rng.normal(size=x.shape), u=u[:, None], dt=STEP)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SHARED)
+def test_one_curve_of_three_tanks_comes_back(name: str) -> None:
+    """Within 3 % of its range wherever it stands, with its factors; the model has it once a state, and is certified."""
+    curve, data = SHARED[name], in_a_row(SHARED[name])
+    fit = ps.PersidskiiIdentifier(["pwl"], one_curve=True, pattern=ROW != 0).fit(data)
+    model = fit.model_
+    assert ps.plots.tabulated(model) == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]
+    assert len({f.text for f in model.channels.functions}) == 1
+    assert len(model.channels.functions) == 3
+    for i, j in ps.plots.tabulated(model):
+        x = middle(data, j)
+        found, truth = effect(model, i, j, x)[0], ROW[i, j] * curve(x)
+        assert miss(found - found.mean(), truth - truth.mean()) < 0.03
+    assert ps.certify(model, time_limit=30).is_certified
+
+
+def test_one_curve_without_noise_is_found_with_its_factors() -> None:
+    """With knots of its own at no corner a straight curve comes back to rounding, all factors and slopes."""
+    data = in_a_row(lambda x: x, noise=0.0)
+    fit = ps.PersidskiiIdentifier(["pwl"], one_curve=True, knots=3, ridge=0.0, pattern=ROW != 0).fit(data)
+    at = np.linspace(-1, 1, 21)
+    for i, j in ps.plots.tabulated(fit.model_):
+        assert np.allclose(effect(fit.model_, i, j, at)[0], ROW[i, j] * at, atol=5e-3)
+
+
+def test_one_curve_is_less_uncertain_than_curves_of_their_own() -> None:
+    """All places tell of it: with noise of 5 % it misses less than what each place tells alone."""
+    curve, data = SHARED["dead zone"], in_a_row(SHARED["dead zone"], noise=0.05)
+    missed = []
+    for one_curve in (True, False):
+        how = {"one_curve": one_curve, "knots": 6, "ridge": 1e-6, "pattern": ROW != 0}
+        model = ps.PersidskiiIdentifier(["pwl"], **how).fit(data).model_
+        x = [middle(data, j) for j in range(3)]
+        found = [(effect(model, i, j, x[j])[0], ROW[i, j] * curve(x[j])) for i, j in ps.plots.tabulated(model)]
+        missed.append(np.mean([miss(a - a.mean(), b - b.mean()) for a, b in found]))
+    assert missed[0] < 0.9 * missed[1]
+
+
+def test_one_curve_stands_beside_other_functions() -> None:
+    """Of some states only, beside x and beside a table that is given: these keep coefficients of their own."""
+    data = in_a_row(SHARED["saturation"])
+    given = "pwl(x; -1: 0, 1: 0, 2: 1)"
+    fit = ps.PersidskiiIdentifier([["x", "pwl"], ["x", "pwl", given], ["x"]], one_curve=True, knots=3).fit(data)
+    texts = {f.text for f in fit.model_.channels.functions}
+    assert len(texts) == 2
+    assert fit.basis_.scale[0] == fit.basis_.scale[1]
+    assert np.linalg.matrix_rank(fit.model_.A0) == 3
+
+
+@pytest.mark.long
+def test_one_curve_is_learned_in_discrete_time_under_the_certificate_and_drawn(tmp_path) -> None:
+    """What takes given functions takes the learned curve: steps, joint fits, bootstrap and the report."""
+    data = in_a_row(SHARED["outflow"])
+    stepped = ps.PersidskiiIdentifier(["x", "pwl"], one_curve=True, knots=3, time="discrete").fit(data)
+    assert stepped.report_.free_run.r2_mean > 0.95
+    free = ps.PersidskiiIdentifier(["pwl"], one_curve=True, knots=3, pattern=ROW != 0)
+    best = ps.CertifiedIdentifier(free, min_rate=0.3, time_limit=40).fit(data)
+    assert best.verdict_.is_certified
+    texts = [{f.text for f in model.channels.functions} for model in (best.model_, free.fit(data).model_)]
+    assert texts[0] == texts[1]
+    assert len(ps.bootstrap(free, 3).models) == 3
+    write_folder(tmp_path, Results(best.model_, best.verdict_, data, None))
+    assert "Piecewise linear curves" in (tmp_path / "report.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("more", "what"),
     [
@@ -207,6 +298,10 @@ def test_data_out_of_memory_learn_too(tmp_path) -> None:
         ({"refine": True, "monotone": True}, "refine="),
         ({"threshold": 0.1, "monotone": True}, "threshold="),
         ({"instruments": True, "monotone": True}, "instruments="),
+        ({"functions": ["x"], "one_curve": True}, 'add "pwl"'),
+        ({"monotone": True, "one_curve": True}, "monotone does not go"),
+        ({"shared": True, "one_curve": True}, "shared does not go"),
+        ({"method": "edmd", "one_curve": True}, "method='edmd' does not go"),
     ],
 )
 def test_options_that_cannot_be_kept_are_refused(more, what) -> None:

@@ -11,7 +11,7 @@ from sklearn.base import clone
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
 from persid.identification.identifier import PersidskiiIdentifier
-from persid.identification.learned import USUAL, WORD
+from persid.identification.learned import USUAL, WORD, learns
 from persid.identification.scores import parted
 from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
@@ -164,7 +164,9 @@ def estimator_with(fitted: PersidskiiIdentifier, functions: Dictionary) -> Persi
     """Return an unfitted estimator like a fitted one, with its ridge and other functions."""
     alike = len(set(functions)) == 1
     given = list(functions[0]) if alike else [list(row) for row in functions]
-    alike_but: PersidskiiIdentifier = clone(fitted).set_params(ridge=fitted.ridge_, holdout=0.0, functions=given)
+    one_curve = fitted.one_curve and learns(given)
+    chosen = {"ridge": fitted.ridge_, "holdout": 0.0, "functions": given, "one_curve": one_curve}
+    alike_but: PersidskiiIdentifier = clone(fitted).set_params(**chosen)
     return alike_but
 
 

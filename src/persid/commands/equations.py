@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 TAKEN = ("functions", "ridge", "x_ref", "scale", "pattern", "constant", "hold")  # of the options of a fit
 REFUSED = ("method", "refine", "select", "price", "margin", "stride", "derivatives", "delays", "window",
-           "instruments", "velocities", "shared", "allow_underdetermined", "outputs")  # fmt: skip
+           "instruments", "velocities", "shared", "one_curve", "allow_underdetermined", "outputs")  # fmt: skip
 RIDGE = 1e-8  # where none is given, as of DescriptorIdentifier
 
 

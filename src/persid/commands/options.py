@@ -314,11 +314,13 @@ fitting = together(
                  help="States that are derivatives of others, whose equations are then known: phi=omega; auto: those "
                       "that --derivatives appends; none."),
     click.option("--shared", is_flag=True, help="One set of coefficients along a chain of equal nodes."),
+    click.option("--one-curve", is_flag=True,
+                 help='Learned functions ("pwl") are one curve, with a factor for each state in each equation.'),
     click.option("--allow-underdetermined", is_flag=True,
                  help="Take the smallest of many exact fits instead of refusing."),
 )  # fmt: skip
 FIT_OPTIONS = ("stride", "hold", "derivatives", "delays", "window", "x_ref", "scale", "constant", "pattern", "shared",
-               "velocities", "allow_underdetermined", "instruments")  # fmt: skip
+               "velocities", "one_curve", "allow_underdetermined", "instruments")  # fmt: skip
 
 
 def fit_options(how: Chosen) -> Chosen:

@@ -14,6 +14,7 @@ OPTIONS = {
         "shared", "velocities", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine",
         "operating_point", "u_op", "delay", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
         "neurons", "activation", "instruments", "bound", "min_rate", "max_output_gain", "measured", "fixed", "stride",
+        "one_curve",
     )
 } | {"run": "--run-column", "output": "--output-map"}  # fmt: skip
 ARGUMENT = re.compile(rf"""(?<![\w.])({"|".join(OPTIONS)})=("[^"]*"|'[^']*'|\[[^\]]*\]|\.\.\.|[-+\w]+(?:\.\w+)*|)""")

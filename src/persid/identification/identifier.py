@@ -14,7 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from persid.errors import DataError
 from persid.identification import diagnostics
 from persid.identification import free_runs as freerun
-from persid.identification.basis import Basis, Functions
+from persid.identification.basis import Basis, Functions, per_state
 from persid.identification.bias import noise_bias
 from persid.identification.derivatives import embedded, refuse_constant, velocity_names
 from persid.identification.diagnostics import FitReport
@@ -22,6 +22,7 @@ from persid.identification.estimators import estimator
 from persid.identification.gram import Gram, refuse_underdetermined
 from persid.identification.koopman import sample_step
 from persid.identification.learned import KNOTS, USUAL, learns, simplest
+from persid.identification.one_curve import with_curve
 from persid.identification.options import check_options, refuse_in_memory_only
 from persid.identification.provenance import provenance
 from persid.identification.recursion import RECURSION, choose_stride
@@ -73,7 +74,8 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
     functions: expressions in x, one list for all states or one list a state; "x" is the linear part, "pwl" stands for
         functions of each state that are learned: piecewise linear, 0 at x_ref, their knots at quantiles of the data.
     knots: of learned functions, "auto" (3, 6 or 9, by blocked validation) or a number.  monotone: whether each of them,
-        with its linear part, only rises or only falls.
+        with its linear part, only rises or only falls.  one_curve: whether all of them are one and the same curve, with
+        a factor for each state in each equation.
     method: "weak" (integrals, Simpson; the default), "derivative" (smoothed finite differences, or x' given as y of
         `fit`) or "edmd" (the paper's Koopman road).
     ridge: "auto" (blocked validation on the free-run error) or a strength relative to columns of mean square 1;
@@ -113,6 +115,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         *,
         knots: int | str = "auto",
         monotone: bool = False,
+        one_curve: bool = False,
         method: str = "weak",
         ridge: float | int | str = "auto",
         instruments: bool = False,
@@ -138,6 +141,7 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         self.functions = functions
         self.knots = knots
         self.monotone = monotone
+        self.one_curve = one_curve
         self.method = method
         self.ridge = ridge
         self.instruments = instruments
@@ -257,25 +261,33 @@ class PersidskiiIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn
         return tried[best]
 
     def _problem(self, data: Measurements, y: object, stride: int = 1, knots: int = USUAL) -> Problem:
+        wanted = self._wanted(knots)
+        if self.one_curve:
+            ramps = self._posed(data, y, stride, wanted)
+            functions = with_curve(per_state(self.functions, len(data.states)), ramps)
+            wanted = Wanted(functions, ramps.basis.x_ref, ramps.basis.scale)
+        return self._posed(data, y, stride, wanted)
+
+    def _posed(self, data: Measurements, y: object, stride: int, wanted: Wanted) -> Problem:
         if self.time == "discrete" and isinstance(data, Trajectories):
-            return self._stepped_problem(data, stride, knots)
-        basis = choose_basis(data, self._wanted(knots))
+            return self._stepped_problem(data, stride, wanted)
+        basis = choose_basis(data, wanted)
         structure = make_structure(basis, self.pattern, self.shared, self.constant, self._velocities(data))
         parts = partition(data, self.holdout)
         regression = self._estimator.regression(data, basis, parts, self._options(y))
         return Problem(data, basis, structure, parts, blocks(parts, _blocks(basis)), regression)
 
-    def _stepped_problem(self, data: Trajectories, stride: int, knots: int) -> Problem:
+    def _stepped_problem(self, data: Trajectories, stride: int, wanted: Wanted) -> Problem:
         """Return the problem of a recursion: scored on every stride-th sample, fitted to all of them."""
         seen = strided(data, stride)
-        basis = choose_basis(seen, self._wanted(knots), stride * sample_step(data))
+        basis = choose_basis(seen, wanted, stride * sample_step(data))
         structure = make_structure(basis, self.pattern, self.shared, self.constant, {})
         parts = partition(seen, self.holdout)
         regression = self._estimator.regression(side_by_side(data, stride), basis, parts, self._options())
         return Problem(seen, basis, structure, parts, blocks(parts, _blocks(basis)), regression)
 
     def _wanted(self, knots: int) -> Wanted:
-        return Wanted(self.functions, self.x_ref, self.scale, knots, self.shared)
+        return Wanted(self.functions, self.x_ref, self.scale, knots, self.shared, self.one_curve)
 
     def _velocities(self, data: Measurements) -> dict[str, str]:
         if self.time == "discrete":

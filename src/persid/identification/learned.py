@@ -31,14 +31,17 @@ def without(functions: Sequence[str]) -> list[str]:
     return [f for f in functions if f != WORD] or ["x"]
 
 
-def with_ramps(functions: Sequence[str], y: Float[ndarray, " N"], count: int) -> list[str]:
+def with_ramps(
+    functions: Sequence[str], y: Float[ndarray, " N"], count: int, *, beside_x: bool | None = None
+) -> list[str]:
     """Return the functions of a state with ramps in place of the word, for arguments y; `count` knots at quantiles.
 
-    Beside x itself the ramp about 0 is left out: all ramps add up to x.
+    Beside x itself (None: where it is among them) the ramp about 0 is left out: all ramps add up to x.
     """
+    beside = "x" in functions if beside_x is None else beside_x
     found: list[str] = []
     for f in functions:
-        found += ramps(knots(y, count), beside_x="x" in functions) if f == WORD else [f]
+        found += ramps(knots(y, count), beside_x=beside) if f == WORD else [f]
     return found
 
 

@@ -34,6 +34,8 @@ def _check_learned(estimator: Any) -> None:
     knots = estimator.knots
     if knots != "auto" and (isinstance(knots, bool) or not isinstance(knots, int | np.integer) or not 1 <= knots <= 60):
         raise DataError(f'knots={knots!r}; needed is "auto" or a number from 1 to 60')
+    if estimator.one_curve:
+        _check_one_curve(estimator)
     if not estimator.monotone:
         return
     if not learns(estimator.functions):
@@ -41,6 +43,15 @@ def _check_learned(estimator: Any) -> None:
     wrong = [name for name in ("shared", "refine", "threshold", "instruments") if getattr(estimator, name)]
     if wrong:
         raise DataError(f"{wrong[0]}= does not keep learned functions monotone; leave it or monotone= out")
+
+
+def _check_one_curve(estimator: Any) -> None:
+    if not learns(estimator.functions):
+        raise DataError('one_curve=True is said of learned functions; add "pwl" to functions=')
+    wrong = [name for name in ("shared", "monotone", "instruments") if getattr(estimator, name)]
+    if wrong or not estimator._estimator.additive:
+        name = wrong[0] if wrong else f"method={estimator.method!r}"
+        raise DataError(f"{name} does not go with one_curve=True, a curve with a factor for each place; leave one out")
 
 
 def check_options(estimator: Any) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from persid.identification.basis import Basis, Functions, is_auto, make_basis, per_state
 from persid.identification.increments import increments, left_over
-from persid.identification.learned import USUAL, learns, with_ramps, without
+from persid.identification.learned import USUAL, WORD, learns, with_ramps, without
 from persid.identification.recursion import moves
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings
@@ -25,13 +25,14 @@ LONGEST = 2000  # samples of a run, of at most 20, that are looked at
 @dataclass(frozen=True)
 class Wanted:
     """The functions of a basis, and what is said of their arguments; learned ones have so many knots, and with `alike`
-    the same ones for all states."""
+    the same ones for all states; with `one_curve` their arguments have one reference and one scale, too."""
 
     functions: Functions
     x_ref: object = "auto"
     scale: object = "auto"
     knots: int = USUAL
     alike: bool = False
+    one_curve: bool = False
 
 
 def choose_basis(data: Measurements, wanted: Wanted, dt: float | None = None) -> Basis:
@@ -62,7 +63,25 @@ def _learned(data: Measurements, wanted: Wanted) -> Basis:
     """Return the basis with ramps, in arguments of order 1 whatever else stands beside them."""
     lists = per_state(wanted.functions, len(data.states))
     plain = make_basis(data, [without(names) for names in lists], wanted.x_ref, wanted.scale)
+    learning = [i for i, names in enumerate(lists) if WORD in names]
+    if wanted.one_curve:
+        plain = _alike(plain, learning, wanted)
     y = (np.concatenate([run.x for run in beginnings(data, LONGEST)]) - plain.x_ref) / plain.scale
-    seen = [y.ravel() if wanted.alike else y[:, i] for i in range(len(lists))]
-    found = [with_ramps(names, column, wanted.knots) for names, column in zip(lists, seen, strict=True)]
+    alike = wanted.alike or wanted.one_curve
+    seen = [y[:, learning].ravel() if alike else y[:, i] for i in range(len(lists))]
+    beside = [any("x" in lists[i] for i in learning) if wanted.one_curve else "x" in names for names in lists]
+    found = [
+        with_ramps(names, column, wanted.knots, beside_x=x)
+        for names, column, x in zip(lists, seen, beside, strict=True)
+    ]
     return make_basis(data, found, plain.x_ref, plain.scale)
+
+
+def _alike(basis: Basis, states: list[int], wanted: Wanted) -> Basis:
+    """Return a basis whose arguments of some states have one reference and one scale, but for what is given."""
+    x_ref, scale = basis.x_ref.copy(), basis.scale.copy()
+    if is_auto(wanted.x_ref) and np.ptp(x_ref[states]):
+        x_ref[states] = np.round(x_ref[states].mean(), 3)
+    if is_auto(wanted.scale):
+        scale[states] = scale[states].max()
+    return replace(basis, x_ref=x_ref, scale=scale)
