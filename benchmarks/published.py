@@ -20,7 +20,10 @@ import persid as ps
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests"))
 
+from further_problems import FURTHER  # noqa: E402
 from published_problems import PUBLISHED, Published  # noqa: E402
+
+ALL: tuple[Published, ...] = (*PUBLISHED, *FURTHER)
 
 
 def asked(problem: Published, time_limit: float) -> dict[str, Any]:
@@ -52,7 +55,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "benchmarks" / "results" / "published.json")
     parser.add_argument("--time-limit", type=float, default=60.0)
     chosen, rows = parser.parse_args(), []
-    for problem in PUBLISHED:
+    for problem in ALL:
         if chosen.names and not any(name in problem.name for name in chosen.names):
             continue
         row = asked(problem, chosen.time_limit)
@@ -70,7 +73,7 @@ def merged(path: Path, rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Yield the rows of all problems, those that were not asked from the file, in the order of the problems."""
     kept = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
     found = {row["problem"]: row for row in (*kept, *rows)}
-    for problem in PUBLISHED:
+    for problem in ALL:
         if problem.name in found:
             yield found[problem.name] | {"source": problem.source}
 

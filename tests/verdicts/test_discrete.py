@@ -202,3 +202,28 @@ def test_a_rate_that_is_asked_for_is_proved_across_neurons() -> None:
     verdict = ps.certify(model, rate=0.4, gains="each")
     assert 0.4 <= verdict.certificate.rate <= -np.log(0.95) / 0.1
     assert len(verdict.certificate.gains) == 4
+
+
+def test_strips_are_chosen_in_steps() -> None:
+    """x+ = x/2 + x^3 rests at x^2 = 1/2: nearly all between is certified, and runs from the edge come to rest."""
+    model = ps.PersidskiiModel([[0.5]], [("x**3", None, [[1.0]])], [[1.0]], time="discrete", dt=1.0)
+    found = ps.certify(model, domain="auto").certificate
+    edge = float(np.sqrt(found.level / found.P[0, 0]))
+    assert (found.claim, 0.99 * 0.5**0.5 < edge < 0.5**0.5) == ("region", True)
+    run = model.simulate([0.999 * edge], np.arange(400.0))[0]
+    assert (np.abs(run.x[:, 0]) <= found.bound([0.999 * edge], 0.0, run.t)).all()
+    assert abs(run.x[-1, 0]) < 1e-6
+
+
+@pytest.mark.long
+def test_runs_stay_in_a_region_of_steps_that_saturate() -> None:
+    """Runs from the edge, with the largest inputs that the region allows, stay in it; beyond it some diverge."""
+    model = ps.PersidskiiModel([[0.8, 0.5], [-0.4, 1.2]], [("sat(x)", [[0.2888, -0.835]], [[0.0], [1.0]])],
+                               [[0.0], [1.0]], time="discrete", dt=1.0)  # fmt: skip
+    found, rng = ps.certify(model, domain="auto").certificate, np.random.default_rng(0)
+    d = rng.normal(size=(40, 2))
+    starts = d * np.sqrt(found.level / found.V(d))[:, None]
+    t, u = np.arange(60.0), found.input_bound * rng.choice([-1.0, 1.0], (60, 1))
+    runs = model.simulate(0.999 * starts, t, u)
+    assert all((found.V(run.x) <= found.level).all() for run in runs)
+    assert any(run.diverged_at is not None for run in model.simulate(4 * starts, np.arange(300.0)))

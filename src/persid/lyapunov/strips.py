@@ -241,6 +241,10 @@ def _close(centre: Centre) -> bool:
     return centre.gap < CLOSE * centre.objective
 
 
-def of_linearisation(J: Float[ndarray, "n n"], scale: Float[ndarray, " n"]) -> Float[ndarray, "n n"]:
-    """Return P > 0 with J'P + PJ = -diag(1/scale^2), for a stable J."""
+def of_linearisation(
+    J: Float[ndarray, "n n"], scale: Float[ndarray, " n"], *, discrete: bool = False
+) -> Float[ndarray, "n n"]:
+    """Return P > 0 with J'P + PJ = -diag(1/scale^2), or J'PJ - P of a step, for a stable J."""
+    if discrete:
+        return np.asarray(sla.solve_discrete_lyapunov(J.T, np.diag(1 / scale**2)))
     return np.asarray(sla.solve_continuous_lyapunov(J.T, -np.diag(1 / scale**2)))

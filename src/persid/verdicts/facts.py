@@ -153,13 +153,14 @@ def by_strips(
     then the largest rate is taken that leaves most of the volume.
     """
     J = about.jacobian
-    limit = decay.fastest(J, None)
+    limit, dt = decay.fastest(J, about.model.dt), about.model.dt
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     units = scaling(system_of(frame)).states[: frame.order]
-    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, None))
+    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, dt))
     reserve = (1 - SEARCHING) * log.left()
-    search = Search(frame, slowest, of_linearisation(J, units), lambda: log.left() - reserve, about.following)
+    shape = of_linearisation(J, units, discrete=dt is not None)
+    search = Search(frame, slowest, shape, lambda: log.left() - reserve, about.following)
     best = search.run() if slowest < limit else None
     if best is None and rate is not None:
         return by_strips(about, frame, None, each, log, outputs)
@@ -174,13 +175,13 @@ def by_strips(
 
 def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log: Log) -> Certificate | Failure:
     """Certify the largest region that is found in the strips of a frame, at a rate (1/s) or at what costs little."""
-    limit = decay.fastest(about.jacobian, None)
+    limit = decay.fastest(about.jacobian, about.model.dt)
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
     known = solved(replace(frame, points=tuple(proved(point, frame.order) for point in frame.points)), log.left)
     if known is None:
         return Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE_IN_BOX)
-    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, None))
+    slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, about.model.dt))
     best = enlarged(known, slowest, in_strips(known, about.following), log.left) if slowest < limit else None
     if best is None and rate is not None:
         return by_box(about, frame, None, each, log)
@@ -194,7 +195,7 @@ def _fastest(
     outputs: OutputModel | None = None,
 ) -> Certificate | Failure:  # fmt: skip
     """Certify a region in the strips of a frame with the largest rate that leaves most of a volume."""
-    limit, within = decay.fastest(about.jacobian, None), in_strips(frame, about.following)
+    limit, within = decay.fastest(about.jacobian, about.model.dt), in_strips(frame, about.following)
     failure = stopped(Status.INFEASIBLE)
     for kappa in sorted({slowest, *(_power_of_two(limit * share) for share in FASTER)}, reverse=True):
         if kappa < slowest:

@@ -36,7 +36,6 @@ NOT_RISING = (
     "That a form rises was seen on samples and not proved, so nothing is said of the difference of two solutions."
 )
 NO_DECAY = "The linearisation at the operating point is not exponentially stable."
-NO_STRIPS = "In discrete time a region is certified in a box: domain=[[lo, hi], …]."
 NOT_SOLVABLE = (
     "It is not proved that the equations have exactly one solution for every state and input. A slope of a loop that "
     "reaches 1 gives them several: change the algebraic part, or bound its functions' slopes."

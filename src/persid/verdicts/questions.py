@@ -346,8 +346,6 @@ def _regional(asked: Question, points: tuple[OperatingPoint, ...], box: ndarray,
 
 def _by_strips(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:
     """Certify the largest region that is found about the first equilibrium that allows one."""
-    if asked.model.is_discrete:
-        return Failure(Reason.OUTSIDE, words.NO_STRIPS)
     failure = Failure(Reason.OUTSIDE, words.NO_POINT)
     for k, point in enumerate(points):
         with log.attempt("region of strips, their widths chosen for its volume") as outcome:
