@@ -158,6 +158,7 @@ class _Direction:
     x: Array
     Z: Array
     P: Array
+    turned: Array  # Z Z^-1 at the iterate, of which both X and the correction of the next direction are made
 
 
 def _less(problem: Problem, M: Array, t: float) -> Array:
@@ -276,7 +277,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     def direction(target: float, second: _Direction | None) -> _Direction:
         C, CU, cx = target * Z_inverse - state.X, target * P_inverse - state.U, target / state.s - state.x
         if second is not None:
-            C = C - _symmetric(second.X @ second.Z @ Z_inverse)
+            C = C - _symmetric(second.X @ second.turned)
             CU = CU - _symmetric(second.U @ second.P @ P_inverse)
             cx = cx - second.x * second.y[free:] / state.s
         r = -pairings(problem, C) - state.defect
@@ -286,11 +287,12 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
         dt, dm = np.linalg.solve(border, [_inner(xp, c, Mr), -_measure(problem, C) - trace_defect - _inner(xp, g, Mr)])
         dt, dm = float(dt), float(dm)
         dy = Mr - Mg * dt - Mc * dm
-        F, dP = combine(problem, dy), problem.triangle.matrix(dy[:free])
-        dX = C + _symmetric(state.X @ F @ Z_inverse) + dt * XZ
+        dZ, dP = _less(problem, -combine(problem, dy), dt), problem.triangle.matrix(dy[:free])
+        turned = dZ @ Z_inverse
+        dX = C - _symmetric(state.X @ turned)
         dU = CU - _symmetric(state.U @ dP @ P_inverse)
         dx = cx - ratio * dy[free:]
-        return _Direction(y=dy, t=dt, m=dm, X=dX, U=dU, x=dx, Z=_less(problem, -F, dt), P=dP)
+        return _Direction(y=dy, t=dt, m=dm, X=dX, U=dU, x=dx, Z=dZ, P=dP, turned=turned)
 
     return direction
 

@@ -193,9 +193,11 @@ def _product(problem: Problem, M: Array) -> Array:
 
 
 def sandwich(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, "r r"]:
-    """Return D M D' for a symmetric M."""
-    xp = problem.arrays.xp
-    return _product(problem, xp.asarray(_product(problem, M).T, copy=True))
+    """Return D M D' for a symmetric M: its rows of H are columns of those of S, but where H meets H."""
+    xp, (S, H, *_) = problem.arrays.xp, problem._rows
+    lines = xp.asarray(_product(problem, M).T, copy=True)
+    upper, height = S @ lines, S.shape[0]
+    return xp.concat([upper, xp.concat([upper[:, height:].T, H @ lines[:, height:]], axis=1)])
 
 
 def pairings(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:
