@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DONE, REFUTED, WRONG, UNDECIDED, INTERNAL, REJECTED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 EXIT_CODES = {
     DONE: "proved stable, or done",
-    REFUTED: "proved not stable, and nothing else",
+    REFUTED: "proved not stable (or not well-posed, of equations), and nothing else",
     WRONG: "wrong use, bad input or a malformed file",
     UNDECIDED: 'undecided, or only "no certificate exists" is proved',
     INTERNAL: "internal error",

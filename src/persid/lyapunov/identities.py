@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_mat
 
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.operating_points import OperatingPoint
-from persid_check.ledger.identities import Monomial, Polynomial, polynomial
+from persid_check.ledger.identities import Monomial, Polynomial, Terms, add_product, polynomial, without_zeros
 from persid_check.results import NotProvedError
 
 PAIRS = 4000  # of entries at most
@@ -77,12 +77,9 @@ def _families(pairs: Sequence[Place], values: Mapping[int, Polynomial]) -> list[
 
 
 def _product(a: Polynomial, b: Polynomial) -> Polynomial:
-    total: dict[Monomial, fmpq] = {}
-    for first, v in a.items():
-        for second, w in b.items():
-            monomial = tuple(sorted(first + second))
-            total[monomial] = total.get(monomial, fmpq(0)) + v * w
-    return {monomial: value for monomial, value in total.items() if value}
+    total: Terms = {}
+    add_product(total, a, b)
+    return without_zeros(total)
 
 
 def _null_space(family: Mapping[Place, Polynomial]) -> list[Identity]:

@@ -42,11 +42,11 @@ def prove_identity(ledger: Ledger) -> None:
     entries = {i: _entry(ledger, i) for i in sorted({place for i, j, _ in ledger.identity for place in (i, j)})}
     beside: dict[int, Terms] = {}
     for i, j, sigma in ledger.identity:
-        _add(beside.setdefault(i, {}), entries[j], {(): _exact(sigma)})
+        add_product(beside.setdefault(i, {}), entries[j], {(): _exact(sigma)})
     total: Terms = {}
     for i, partner in beside.items():
-        _add(total, entries[i], _without_zeros(partner))
-    if left := _without_zeros(total):
+        add_product(total, entries[i], without_zeros(partner))
+    if left := without_zeros(total):
         place = " ".join(ledger.model.states[i] for i in min(left)) or "1"
         raise NotProvedError(WHERE, f"it is not zero: the coefficient of {place} is not")
 
@@ -86,12 +86,12 @@ def _value(coefficients: Sequence[fmpq], y: Polynomial) -> Polynomial:
     total: Polynomial = {}
     for c in reversed(coefficients):
         product: Terms = {(): c}
-        _add(product, total, y)
-        total = _without_zeros(product)
+        add_product(product, total, y)
+        total = without_zeros(product)
     return total
 
 
-def _add(total: Terms, a: Polynomial, b: Polynomial) -> None:
+def add_product(total: Terms, a: Polynomial, b: Polynomial) -> None:
     """Add a b to a total."""
     bits, factors = (sum(size(each) for each in (a, b)) for size in (_bits_of, _factors))
     spend(len(a) * len(b) * (1 + bits // BITS_A_STEP + factors // FACTORS_A_STEP))
@@ -109,7 +109,8 @@ def _factors(a: Polynomial) -> int:
     return max(map(len, a), default=0)
 
 
-def _without_zeros(total: Terms) -> Polynomial:
+def without_zeros(total: Terms) -> Polynomial:
+    """Return a total as a polynomial."""
     return {monomial: value for monomial, value in total.items() if value}
 
 
