@@ -1,8 +1,9 @@
 """python -m persid_check FILE [--model model.json] [--explain]: the checker as a program.
 
 Exit codes, those of every command of persid: 0 accepted, the model is proved stable; 1 accepted, it is proved not
-stable, or its equations not to say what their variables are; 3 accepted, but stability is not what is proved: that no certificate of a family exists, or practical stability;
-5 rejected, the proof does not hold; 2 malformed, or wrong use; 4 internal error; 130 interrupted.
+stable, or its equations not to say what their variables are; 3 accepted, but stability is not what is proved: that no
+certificate of a family exists, or practical stability; 5 rejected, the proof does not hold; 2 malformed, or wrong use;
+4 internal error; 130 interrupted.
 """
 
 import argparse
