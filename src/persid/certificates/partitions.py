@@ -69,10 +69,16 @@ def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fractio
         left = [low - d for d in _distances(low - ends[0], count)]
         right = [high + d for d in _distances(ends[1] - high, count)]
         hinges = (t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high)
-        cuts = tuple(sorted({*left, *((low,) if low == high else ()), *right, *hinges}))
+        cuts = _ordered([*left[::-1], *((low,) if low == high else ()), *right, *hinges])
         if lemma.unproved(cuts, domain) is None:
             return cuts
     return None
+
+
+def _ordered(cuts: list[Fraction]) -> Cuts:
+    """Return cuts in their order, each once: by floats, since fractions compare slowly."""
+    rising = sorted(cuts, key=float)
+    return tuple(t for k, t in enumerate(rising) if k == 0 or t != rising[k - 1])
 
 
 def _distances(reach: Fraction, count: int) -> list[Fraction]:
