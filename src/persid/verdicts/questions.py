@@ -252,7 +252,7 @@ def _practical(asked: Question, verdict: Refuted | Failure | None, log: Log) -> 
     """Certify that every run comes into a ball about x_ref, where the nominal input is u_ref; else keep the verdict."""
     if isinstance(verdict, Refuted) and verdict.witness.kind in ESCAPES:
         return verdict
-    if asked.model.is_discrete or asked.outputs is not None or (asked.u != asked.model.u_ref).any():
+    if asked.outputs is not None or (asked.u != asked.model.u_ref).any():
         return verdict
     if asked.model.n > PRACTICAL_STATES or log.left() <= 0:
         return verdict
