@@ -4,6 +4,7 @@ The grid is the classical nine-bus, three-machine one. A model is identified fro
 what follows three short circuits. It is run freely through load steps and short circuits that
 the fit has not seen; regions about its operating point are certified; and the times in which a short circuit must be
 cleared, and the sizes of load variations, that follow from the certificates are compared with simulations of the grid.
+The 39-bus, ten-machine grid of New England is identified and run freely in the same way.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from numpy import ndarray
 import persid as ps
 from persid.reports.record import versions
 from persid.studies import power_pages as pages
+from persid.studies import ten_machines
 from persid.studies.grid import DAMPING, NORMAL, Condition, Grid
 from persid.studies.nine_bus import CASE
 from persid.studies.parts import Parts
@@ -52,7 +54,7 @@ RAYS = 37  # directions in the plane of angles in which stability is looked for
 
 def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
     """Run the study. With `quick`: short records, one region in a box, one short circuit. `seeds` is not used."""
-    parts = parts.of(4 if quick else 10)
+    parts = parts.of(4 if quick else 12)
     fits = {label: _fit(parts, label, quick) for label in ((IDENTIFIED,) if quick else (IDENTIFIED, ALONE))}
     model = ps.PersidskiiModel.from_dict(fits[IDENTIFIED]["model"])
     fits[KNOWN] = parts.part(KNOWN, {"quick": quick}, lambda: scored(GRID, GRID.model(), *new_records(quick)))
@@ -66,6 +68,7 @@ def run(parts: Parts, quick: bool = False, seeds: int | None = None) -> Study:
         regions,
         edges=None if quick else _edges(parts, regions[IDENTIFIED]),
         loads=_loads(parts, model),
+        large={} if quick else ten_machines.fits(parts),
         steps={} if quick else parts.part("load steps", {"model": model.sha256}, partial(_steps, parts, model)),
     )
     return Study(

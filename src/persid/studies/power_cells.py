@@ -74,10 +74,14 @@ class Step(TypedDict):
 
 @dataclass(frozen=True)
 class Found:
-    """All that the study computes: fits and regions by model, edges of the first region, loads, and steps by name."""
+    """All that the study computes: fits and regions by model, edges of the first region, loads, and steps by name.
+
+    `large` has the fits of the grid of ten machines.
+    """
 
     fits: Mapping[str, Fit]
     regions: Mapping[str, Region]
     edges: Edges | None
     loads: Loads
     steps: Mapping[str, Step]
+    large: Mapping[str, Fit]

@@ -18,7 +18,7 @@ KINDS = {"steps": "new load steps", "rings": "after new short circuits"}
 
 
 def tables(found: Found) -> tuple[Table, ...]:
-    """Return all tables; that of load steps only where they were asked about."""
+    """Return all tables; those of load steps and of ten machines only where they were asked about."""
     kept = [
         Table("free-runs", "Free runs on records that no fit has seen: error of angles and of frequencies (rms)",
               ("model", *KINDS.values()), tuple(_run_rows(found.fits))),
@@ -30,6 +30,11 @@ def tables(found: Found) -> tuple[Table, ...]:
               ("load", "admitted", "angles: seen, proved", "frequencies: seen, proved"),
               tuple(_load_rows(found.loads))),
     ]  # fmt: skip
+    if found.large:
+        kept.append(
+            Table("ten-machines", "Ten machines, 39 buses: free runs on records that no fit has seen (rms)",
+                  ("model", *KINDS.values()), tuple(_run_rows(found.large)))
+        )  # fmt: skip
     if found.steps:
         kept.append(
             Table("steps", "One step of a load: largest deviations from the new rest, seen and proved",
@@ -85,7 +90,7 @@ def _seen_and_proved(seen: Sequence[float], proved: Sequence[float] | None) -> I
 def figures(found: Found) -> Figures:
     """Return every number and verdict by name."""
     figures: Figures = {}
-    for label, fit in found.fits.items():
+    for label, fit in {**found.fits, **found.large}.items():
         for kind, words in KINDS.items():
             angle, frequency = fit["runs"][kind]["errors"] or (None, None)
             figures |= {f"{label}, {words}: degrees": angle, f"{label}, {words}: mHz": frequency}
