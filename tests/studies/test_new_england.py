@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from persid.studies import phasors
 from persid.studies.grid import Condition, Grid
 from persid.studies.new_england import CASE
 
@@ -64,3 +65,18 @@ def test_a_short_circuit_at_a_machine_takes_its_power() -> None:
     Y = GRID.reduced(Condition(fault=35))
     assert np.abs(np.delete(Y[5], 5)).max() == 0.0
     assert Y[5, 5] == pytest.approx(1 / 0.05j)
+
+
+@pytest.mark.long
+def test_free_runs_foretell_new_short_circuits() -> None:
+    """Four minutes of load steps and twenty ring-downs give a model right to 1 % of the swings after new faults."""
+    random = np.random.default_rng(1)
+    steps = [phasors.load_steps(GRID, 60.0, random) for _ in range(4)]
+    faults = (3, 4, 7, 10, 12, 16, 20, 23, 25, 28, 30, 31, 32, 33, 34, 35, 36, 37, 38, 39)
+    model = phasors.identify(GRID, [*steps, *(phasors.ring_down(GRID, bus, 0.1, 10.0) for bus in faults)], random)
+    for bus in (8, 21, 26):
+        record = phasors.ring_down(GRID, bus, 0.12, 5.0)
+        size = phasors.rms(GRID, (record.x - GRID.rest) @ phasors.to_shown(GRID).T)
+        error = phasors.rms(GRID, phasors.FreeRun.of(GRID, model, record).errors)
+        assert error[0] < 0.01 * size[0]
+        assert error[1] < 0.015 * size[1]
