@@ -16,7 +16,7 @@ middle is of the order of the matrices alone. Reference: Boyd & Vandenberghe (20
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.linalg as sla
@@ -33,6 +33,7 @@ STEPS = 200
 ACCURACY = 1e-7  # of the objective's own size, and so its gap
 
 
+@runtime_checkable
 class Inequality(Protocol):
     """Matrices, affine in w, that are to be positive definite."""
 
