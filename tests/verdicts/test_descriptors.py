@@ -199,6 +199,14 @@ def test_where_all_states_are_undecided_the_box_of_the_data_is_tried() -> None:
     assert isinstance(ps.certify(tank, claim="incremental"), ps.Undecided)
 
 
+def test_equations_without_a_linear_part_in_their_variable_are_searched_with() -> None:
+    """0 = x - sinh(w) does not give w linearly: its multipliers stay unknowns of the search."""
+    model = ps.DescriptorModel(
+        [[-1.0, -0.1], [1.0, 0.0]], [("sinh(x)", [[0.0, 1.0]], [[0.0], [-1.0]])], [[1.0], [0.0]], algebraic=["w"]
+    )
+    assert ps.certify(model).is_certified
+
+
 def test_no_region_is_certified_in_a_box_without_an_equilibrium() -> None:
     """The verdict says that there is none."""
     verdict = ps.certify(fold(), domain=[[0.5, 1.0], [-0.5, 0.5]])

@@ -157,7 +157,7 @@ class Candidate:
 def matrices_of(frame: Frame, kappa: Fraction, across: bool) -> tuple[Solvable, Matrices] | None:
     """Return the unknowns of a frame at a rate and the matrices in good units; None where no V is left."""
     follows, listed, able = followed(frame), frame.unknowns(kappa, across=across), range(frame.order, frame.entries)
-    solvable = reduced(without(listed, follows), [i for i in able if i not in follows])
+    solvable = reduced(without(listed, follows) if follows else listed, [i for i in able if i not in follows])
     if follows and solvable is not None and solvable.zero:  # rows of channels that w reads would not vanish
         follows, solvable = {}, reduced(listed, able)
     if solvable is None or (solvable.zero and frame.sloped):
