@@ -60,4 +60,4 @@ def test_a_pool_of_many_forms_is_shown_to_hold_no_certificate() -> None:
     content["groups"][0]["forms"] = (forms * 2)[:129]
     answer = persid_check.check(json.dumps(content).encode())
     assert isinstance(answer, ps.Malformed)
-    assert "at most 128 forms" in answer.why
+    assert (answer.where, answer.why) == ("groups[0].forms", "at most 128 are read")
