@@ -18,7 +18,7 @@ ONE = Fraction(1)
 def test_the_largest_trace_is_found(seed: int) -> None:
     """Minimise sum y with C + diag(y) > 0: for C = -v v' the optimum is (sum |v|)^2 and known in closed form."""
     v = np.random.default_rng(seed).normal(size=4)
-    region = Region([Block(-np.outer(v, v), np.eye(4)[:, :, None] * np.eye(4)[:, None])], np.eye(4), 1e3)
+    region = Region([Block(-np.outer(v, v)[None], np.eye(4)[:, :, None] * np.eye(4)[:, None])], np.eye(4), 1e3)
     start = np.full(4, 2 * v @ v)
     found = minimise(region, np.ones(4), start)
     assert found.objective == pytest.approx(np.abs(v).sum() ** 2, rel=1e-5)

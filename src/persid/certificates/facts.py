@@ -30,6 +30,7 @@ from persid.certificates.ledger import draft, floats, with_proof
 from persid.certificates.outputs import described, with_constants
 from persid.certificates.partitions import cuts_of, cuts_of_product
 from persid.certificates.stability import largest
+from persid.lyapunov.frame import Frame
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.points import Known, Point, steepness
 from persid.lyapunov.practical import Rough
@@ -300,6 +301,11 @@ def proved(point: Point, order: int | None = None) -> Point:
     curve, loose = curve_of(point.curve), order is not None and any(i >= order for i in point.row)
     forms = (replace(form, c=np.nan) if loose else form for form in point.forms)
     return replace(point, forms=tuple(found for form in forms if (found := _proved(curve, form)) is not None))
+
+
+def with_proved(frame: Frame) -> Frame:
+    """Return the frame with what is proved of the forms of its points."""
+    return replace(frame, points=tuple(proved(point, frame.order) for point in frame.points))
 
 
 def proved_far(frame: Rough) -> Rough:

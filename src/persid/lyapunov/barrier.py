@@ -14,9 +14,9 @@ C_f + sum_k w_k F_k > 0 for many f, share their F: with t_k = vec F_k their Hess
 middle is of the order of the matrices alone. Reference: Boyd & Vandenberghe (2004), Convex Optimization, chapter 11.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.linalg as sla
@@ -33,53 +33,45 @@ STEPS = 200
 ACCURACY = 1e-7  # of the objective's own size, and so its gap
 
 
-@runtime_checkable
-class Inequality(Protocol):
-    """Matrices, affine in w, that are to be positive definite."""
+@dataclass(frozen=True, eq=False)
+class Inequality(ABC):
+    """Matrices C_f + sum_k w_k F_k that differ in their constants alone, and are to be positive definite."""
+
+    constants: Float[ndarray, "B N N"]
 
     @property
     def order(self) -> int:
         """The orders of all of them together."""
-        ...
+        return int(self.constants.shape[0] * self.constants.shape[1])
 
     def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "B N N"]:
         """Return the matrices."""
-        ...
+        return np.asarray(self.constants + self.along(w))
 
+    @abstractmethod
     def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
         """Return what a step of d adds to each of them."""
-        ...
 
+    @abstractmethod
     def derivatives(self, w: Float[ndarray, " W"]) -> tuple[Float[ndarray, " W"], Float[ndarray, "W W"]]:
         """Return gradient and Hessian of minus the sum of their log det."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """A small matrix C + sum_k w_k F_k, every F formed."""
+class Block(Inequality):
+    """A small matrix, every F formed."""
 
-    constant: Float[ndarray, "N N"]
     F: Float[ndarray, "W N N"]
 
     @classmethod
-    def of(cls, pairs: Problem, N: Float[ndarray, "J W"], constant: Float[ndarray, "N N"] | None = None) -> "Block":
+    def of(cls, pairs: Problem, N: Float[ndarray, "J W"], constant: Float[ndarray, "N N"]) -> "Block":
         """Return the block of y = N w, where pairs of rows make the part of each y_k."""
         left = pairs.S.toarray()[pairs.p]
         right = pairs.H[pairs.q - pairs.S.shape[0]]
         half = np.einsum("ki,kj->kij", left, right).reshape(len(left), -1)
         weight = np.eye(len(left)) if pairs.tie is None else pairs.tie.toarray()
         F = ((weight @ N).T @ half).reshape(-1, pairs.order, pairs.order)
-        return cls(np.zeros((pairs.order, pairs.order)) if constant is None else constant, F + F.transpose(0, 2, 1))
-
-    @property
-    def order(self) -> int:
-        """The order of the matrix."""
-        return len(self.constant)
-
-    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "1 N N"]:
-        """Return the matrix."""
-        return np.asarray(self.constant + self.along(w))[None]
+        return cls(constant[None], F + F.transpose(0, 2, 1))
 
     def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
         """Return what a step of d adds to it."""
@@ -94,21 +86,11 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Paired:
+class Paired(Inequality):
     """A large matrix C + sum_k y_k F_k, y = N w, every F_k a sum of pairs of rows."""
 
-    constant: Float[ndarray, "N N"]
     pairs: Problem
     N: sparse.csr_array
-
-    @property
-    def order(self) -> int:
-        """The order of the matrix."""
-        return len(self.constant)
-
-    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "1 N N"]:
-        """Return the matrix."""
-        return np.asarray(self.constant + self.along(w))[None]
 
     def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
         """Return what a step of d adds to it."""
@@ -124,20 +106,10 @@ class Paired:
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
-    """Matrices C_f + sum_k w_k F_k that differ in their constants alone; T has the lines vec F_k."""
+class Faces(Inequality):
+    """Many large matrices; T has the lines vec F_k."""
 
-    constants: Float[ndarray, "B N N"]
     T: sparse.csr_array
-
-    @property
-    def order(self) -> int:
-        """The orders of all of them together."""
-        return int(self.constants.shape[0] * self.constants.shape[1])
-
-    def at(self, w: Float[ndarray, " W"]) -> Float[ndarray, "B N N"]:
-        """Return the matrices."""
-        return np.asarray(self.constants + self.along(w))
 
     def along(self, d: Float[ndarray, " W"]) -> Float[ndarray, "N N"]:
         """Return what a step of d adds to each of them."""
@@ -152,9 +124,10 @@ class Faces:
 
 def definite(pairs: Problem, N: Float[ndarray, "J W"], constant: Float[ndarray, "N N"] | None = None) -> Block | Paired:
     """Return the inequality C + sum_k y_k F_k > 0, y = N w, where pairs of rows make F_k: dense where it is small."""
+    constant = np.zeros((pairs.order, pairs.order)) if constant is None else constant
     if N.shape[1] * pairs.order**2 <= FORMED:
         return Block.of(pairs, N, constant)
-    return Paired(np.zeros((pairs.order, pairs.order)) if constant is None else constant, pairs, sparse.csr_array(N))
+    return Paired(constant[None], pairs, sparse.csr_array(N))
 
 
 def faces(pairs: Problem, N: Float[ndarray, "J W"], constants: Sequence[Float[ndarray, "N N"]]) -> Sequence[Inequality]:

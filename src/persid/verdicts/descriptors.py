@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
-from persid.certificates.facts import proved
+from persid.certificates.facts import with_proved
 from persid.certificates.witness import find_unposed, find_witness
 from persid.errors import ModelError
 from persid.lyapunov.frame import Frame
@@ -167,8 +167,7 @@ def _candidates(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
 
 def _frame(model: DescriptorModel, point: OperatingPoint | None) -> Frame:
     """Return the frame of a model on all of R^n, with the forms that are proved."""
-    frame = _candidates(model, point)
-    return replace(frame, points=tuple(proved(point, frame.order) for point in frame.points))
+    return with_proved(_candidates(model, point))
 
 
 def _variables(model: DescriptorModel, near: object, u: Float[ndarray, " m"]) -> Float[ndarray, " N"]:

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from persid._dyadics import rounded
 from persid.certificates.certificate import Certificate
-from persid.certificates.facts import prove_facts, proved, with_squares
+from persid.certificates.facts import prove_facts, with_proved, with_squares
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov import decay
 from persid.lyapunov.coordinates import Coordinates
@@ -108,7 +108,7 @@ def by_facts(
         The certificate, whose gain is small at the rate asked for or at half of the best one, or why there is none; and
         the certificate of the best rate, where that is another. With `each` every input has a gain of its own.
     """
-    frame = replace(frame, points=tuple(proved(point, frame.order) for point in frame.points))
+    frame = with_proved(frame)
     if frame.sloped:
         frame = replace(frame, points=tuple(map(with_squares, frame.points)))
     stable = feasible(frame, Fraction(0), log.left, across=True)
@@ -166,8 +166,8 @@ def by_strips(
         return by_strips(about, frame, None, each, log, outputs)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    points = tuple(proved(point, frame.order) for point in _with_densities_of(best.candidate))
-    solved_frame = solved(replace(frame, points=points), log.left)
+    known = replace(frame, points=tuple(_with_densities_of(best.candidate)))
+    solved_frame = solved(with_proved(known), log.left)
     if solved_frame is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
     return _fastest(about, solved_frame, best.volume, slowest, each=each, log=log, outputs=outputs)
@@ -178,7 +178,7 @@ def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log
     limit = decay.fastest(about.jacobian, about.model.dt)
     if limit <= 0:
         return Failure(Reason.OUTSIDE, words.NO_DECAY)
-    known = solved(replace(frame, points=tuple(proved(point, frame.order) for point in frame.points)), log.left)
+    known = solved(with_proved(frame), log.left)
     if known is None:
         return Failure(Reason.NOT_FOUND, words.NOT_SOLVABLE_IN_BOX)
     slowest = _power_of_two(limit * SLOWEST) if rate is None else Fraction(decay.loss(ABOVE * rate, about.model.dt))
