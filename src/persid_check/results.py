@@ -70,3 +70,13 @@ class NotProvedError(Exception):
     def __init__(self, where: str, why: str) -> None:
         super().__init__(f"{where}: {why}")
         self.where, self.why = where, why
+
+
+def require(holds: object, where: str, why: str) -> None:
+    """Refuse a proof of which a step does not hold.
+
+    Raises:
+        NotProvedError: it does not.
+    """
+    if not holds:
+        raise NotProvedError(where, why)

@@ -10,7 +10,7 @@ from persid_check.definite import proof_of
 from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.assembly import Assembly, equations, flow_matrix, padded, products_of
 from persid_check.ledger.values import RISING, Algebraic, Fact, Ledger, Reach, Row
-from persid_check.results import NotProvedError
+from persid_check.results import NotProvedError, require
 from persid_check.work import spend
 
 CLAIMS = ("iss", "rate-and-gain", "region")
@@ -26,10 +26,9 @@ def prove_algebraic(ledger: Ledger, said: Algebraic | None) -> None:
     """
     if said is None or len(said.equations) != ledger.model.algebraic:
         raise NotProvedError("algebraic", "every equation needs a multiplier, and a proof that it can be solved")
-    if ledger.claim not in CLAIMS:
-        raise NotProvedError("claim", f"with algebraic variables it is one of {', '.join(CLAIMS)}")
-    if ledger.has_slopes:
-        raise NotProvedError("P", "with algebraic variables P is over the states, and no fact is about slopes")
+    require(ledger.claim in CLAIMS, "claim", f"with algebraic variables it is one of {', '.join(CLAIMS)}")
+    message = "with algebraic variables P is over the states, and no fact is about slopes"
+    require(not ledger.has_slopes, "P", message)
     _densities(ledger)
     _changed(ledger)
     _solvable(ledger, said)
@@ -38,19 +37,19 @@ def prove_algebraic(ledger: Ledger, said: Algebraic | None) -> None:
 def _densities(ledger: Ledger) -> None:
     """V is a function of the states: what reads an algebraic variable has no density."""
     for p, point in enumerate(ledger.points):
-        if ledger.reads_algebraic(p) and any(mu for _, mu in point.densities):
-            raise NotProvedError(f"points[{p}].densities", "its row reads an algebraic variable, which V does not")
+        of_states = not any(mu for _, mu in point.densities) or not ledger.reads_algebraic(p)
+        require(of_states, f"points[{p}].densities", "its row reads an algebraic variable, which V does not")
 
 
 def _solvable(ledger: Ledger, said: Algebraic) -> None:
     """The equations have exactly one solution: a form of the difference of two is positive definite."""
     kept = set(_own(ledger))
-    if any(j not in kept for row in said.solving for j in row):
-        raise NotProvedError("algebraic.solvable.multipliers", "a row reads more than the equations' own variables")
+    own, where = all(j in kept for row in said.solving for j in row), "algebraic.solvable"
+    require(own, f"{where}.multipliers", "a row reads more than the equations' own variables")
     for i, fact in enumerate(said.products):
-        _difference(ledger, fact, kept, f"algebraic.solvable.products[{i}]")
-    if proof_of(form_of_differences(ledger, said), said.proof) is None:
-        raise NotProvedError("algebraic.solvable", "it is not proved that the equations have exactly one solution")
+        _difference(ledger, fact, kept, f"{where}.products[{i}]")
+    proof = proof_of(form_of_differences(ledger, said), said.proof)
+    require(proof, where, "it is not proved that the equations have exactly one solution")
 
 
 def form_of_differences(ledger: Ledger, said: Algebraic) -> Matrix:
@@ -73,11 +72,9 @@ def _difference(ledger: Ledger, fact: Fact, own: set[int], where: str) -> None:
     curve = ledger.curves[point.curve]
     spend(2 * (1 + len(point.channels)))
     for k in (fact.k, fact.l):
-        if curve.forms[k].kind not in RISING:
-            raise NotProvedError(where, "nondecreasing forms are needed")
+        require(curve.forms[k].kind in RISING, where, "nondecreasing forms are needed")
         read = {n + c for c, value in zip(point.channels, curve.forms[k].l[1:], strict=True) if value}
-        if not read <= own:
-            raise NotProvedError(where, "a form reads more than the equations' own variables")
+        require(read <= own, where, "a form reads more than the equations' own variables")
 
 
 def _changed(ledger: Ledger) -> None:
@@ -87,10 +84,10 @@ def _changed(ledger: Ledger) -> None:
     times = Counter(c for point in ledger.points for c in point.channels)
     spend(times.total())
     for p in bounded:
-        if any(times[c] > 1 for c in ledger.points[p].channels):
-            raise NotProvedError(f"points[{p}]", "its row reads an algebraic variable: its channels stand once")
-    if any(fact.kind not in CHORDS for fact in ledger.facts if not {fact.p, fact.q}.isdisjoint(bounded)):
-        raise NotProvedError("facts", "on domains that read algebraic variables they are of one form or a difference")
+        once = all(times[c] == 1 for c in ledger.points[p].channels)
+        require(once, f"points[{p}]", "its row reads an algebraic variable: its channels stand once")
+    chords = all(fact.kind in CHORDS for fact in ledger.facts if not {fact.p, fact.q}.isdisjoint(bounded))
+    require(chords, "facts", "on domains that read algebraic variables they are of one form or a difference")
 
 
 def bounded_sides(ledger: Ledger) -> list[tuple[Row, Fraction, Fraction]]:
@@ -105,19 +102,20 @@ def prove_bounds(ledger: Ledger, said: Algebraic, matrices: Assembly) -> None:
         NotProvedError: a row may leave it.
     """
     sides = bounded_sides(ledger)
-    if len(said.bounds) != len(sides):
-        raise NotProvedError("algebraic.bounds", f"{len(said.bounds)} are given; needed are {len(sides)}")
+    given, wanted = len(said.bounds), len(sides)
+    require(given == wanted, "algebraic.bounds", f"{given} are given; needed are {wanted}")
     for i, ((row, lo, hi), reach) in enumerate(zip(sides, said.bounds, strict=True)):
         where = f"algebraic.bounds[{i}]"
         spend(len(reach.facts) + len(row))
         for fact in reach.facts:
-            if not all(ledger.curves[ledger.points[fact.p].curve].is_sector(k) for k in (fact.k, fact.l)):
-                raise NotProvedError(where, "both forms of a fact must be sector forms")
-        if proof_of(form_of_reach(ledger, row, reach, matrices), reach.proof) is None:
-            raise NotProvedError(where, "(r'z)^2 <= alpha V + beta |v|^2 is not proved")
+            curve = ledger.curves[ledger.points[fact.p].curve]
+            sectors = curve.is_sector(fact.k) and curve.is_sector(fact.l)
+            require(sectors, where, "both forms of a fact must be sector forms")
+        proof = proof_of(form_of_reach(ledger, row, reach, matrices), reach.proof)
+        require(proof, where, "(r'z)^2 <= alpha V + beta |v|^2 is not proved")
         h = min(-lo, hi)
-        if h <= 0 or reach.alpha * ledger.level + reach.beta * ledger.input_bound**2 > h * h:
-            raise NotProvedError(where, "the row is not proved to stay on its domain, or in its strip")
+        within = h > 0 and reach.alpha * ledger.level + reach.beta * ledger.input_bound**2 <= h * h
+        require(within, where, "the row is not proved to stay on its domain, or in its strip")
 
 
 def form_of_reach(ledger: Ledger, row: Row, reach: Reach, matrices: Assembly) -> Matrix:

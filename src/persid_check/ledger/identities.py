@@ -12,7 +12,7 @@ from persid_check.exact import Matrix, Number, scattered
 from persid_check.expression import Program
 from persid_check.ledger.values import Ledger
 from persid_check.model import Channel, Model
-from persid_check.results import NotProvedError
+from persid_check.results import NotProvedError, require
 from persid_check.work import spend
 
 MAX_DEGREE = 16  # of a function that an identity reads
@@ -35,10 +35,10 @@ def prove_identity(ledger: Ledger) -> None:
     """
     if not ledger.identity:
         return
-    if ledger.model.algebraic or ledger.model.is_discrete:
-        raise NotProvedError(WHERE, "a model with algebraic variables, or in discrete time, has none")
-    if ledger.ball is not None and ledger.ball.radius:
-        raise NotProvedError(WHERE, "the operating point is not known exactly: its radius is not 0")
+    plain = not ledger.model.algebraic and not ledger.model.is_discrete
+    require(plain, WHERE, "a model with algebraic variables, or in discrete time, has none")
+    known = ledger.ball is None or not ledger.ball.radius
+    require(known, WHERE, "the operating point is not known exactly: its radius is not 0")
     entries = {i: _entry(ledger, i) for i in sorted({place for i, j, _ in ledger.identity for place in (i, j)})}
     beside: dict[int, Terms] = {}
     for i, j, sigma in ledger.identity:

@@ -15,7 +15,7 @@ from persid_check.ledger.further import holds_everywhere, holds_of_members, is_i
 from persid_check.ledger.identities import prove_identity
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
 from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Map, Output, Point, Row
-from persid_check.results import NotProvedError
+from persid_check.results import NotProvedError, require
 from persid_check.work import spend
 
 SQUARINGS = 4  # Gamma^16: its trace bounds the 16th power of the largest eigenvalue
@@ -49,14 +49,14 @@ def prove(ledger: Ledger) -> Proved:
     for p, point in enumerate(ledger.points):
         _densities(ledger, p, point)
         _values(ledger, p, point)
-    _domains(ledger)
+    on_domain = any(ledger.curves[point.curve].domain for point in ledger.points)
+    require(ledger.claim == "region" or not on_domain, "curves", "only claim region has functions on a domain")
     if ledger.model.algebraic or ledger.algebraic is not None:
         prove_algebraic(ledger, ledger.algebraic)
     prove_identity(ledger)
     matrices = assemble(ledger)
     kept = _rows_kept(ledger, matrices)
-    if not proves(ledger.proof["M"], matrices.M.kept(kept, kept)):
-        raise NotProvedError("proof.M", "the matrix inequality is not proved")
+    require(proves(ledger.proof["M"], matrices.M.kept(kept, kept)), "proof.M", "the matrix inequality is not proved")
     _lyapunov(ledger, matrices, kept)
     _bounds(ledger, matrices)
     return Proved(
@@ -66,47 +66,41 @@ def prove(ledger: Ledger) -> Proved:
 
 def _numbers(ledger: Ledger) -> None:
     """The constants have the signs that the claim needs."""
-    rated = ledger.claim != "iss"
-    if rated and not (ledger.kappa > 0 and ledger.p > 0):
-        raise NotProvedError("kappa, p", "they must be positive")
-    if not rated and (ledger.kappa or ledger.p):
-        raise NotProvedError("kappa, p", "claim iss has none: both are 0")
-    if isinstance(ledger.gamma, Fraction) and ledger.gamma <= 0:  # a matrix is proved positive with M
-        raise NotProvedError("gamma", "it must be positive")
-    if any(deviation.s <= 0 for deviation in ledger.deviations):
-        raise NotProvedError("deviations", "each multiplier s must be positive")
-    regional = ledger.claim == "region"
-    if regional and not (ledger.level > 0 and ledger.input_bound >= 0):
-        raise NotProvedError("level, input_bound", "a level is positive, a bound is not negative")
-    if not regional and (ledger.strips or ledger.level or ledger.input_bound):
-        raise NotProvedError("strips, level, input_bound", "only claim region has them")
-    if ledger.outputs is not None and ledger.claim not in ("rate-and-gain", "region"):
-        raise NotProvedError("outputs", "they need the claim rate-and-gain or region")
+    rated, regional = ledger.claim != "iss", ledger.claim == "region"
+    require(not rated or (ledger.kappa > 0 and ledger.p > 0), "kappa, p", "they must be positive")
+    require(rated or not (ledger.kappa or ledger.p), "kappa, p", "claim iss has none: both are 0")
+    positive = not isinstance(ledger.gamma, Fraction) or ledger.gamma > 0  # a matrix is proved positive with M
+    require(positive, "gamma", "it must be positive")
+    require(all(each.s > 0 for each in ledger.deviations), "deviations", "each multiplier s must be positive")
+    bounded = ledger.level > 0 and ledger.input_bound >= 0
+    require(bounded or not regional, "level, input_bound", "a level is positive, a bound is not negative")
+    has_set = ledger.strips or ledger.level or ledger.input_bound
+    require(regional or not has_set, "strips, level, input_bound", "only claim region has them")
+    bounds_outputs = ledger.claim in ("rate-and-gain", "region")
+    require(bounds_outputs or ledger.outputs is None, "outputs", "they need the claim rate-and-gain or region")
     if ledger.model.is_discrete:
         _discrete_numbers(ledger)
 
 
 def _discrete_numbers(ledger: Ledger) -> None:
     """In discrete time V = x'P x shrinks to a share 1 - kappa, and every state is kept (section 10)."""
-    if ledger.kappa >= 1:
-        raise NotProvedError("kappa", "in discrete time it is less than 1")
-    if any(i < ledger.model.n for i in ledger.dropped) or ledger.spanning:
-        raise NotProvedError("dropped", "in discrete time no state is dropped")
-    if any(mu for point in ledger.points for _, mu in point.densities):
-        raise NotProvedError("points", "in discrete time V has no integrals: every density is 0")
-    if ledger.has_slopes:
-        raise NotProvedError("P", "in discrete time P is over the states, and no fact is about slopes")
+    require(ledger.kappa < 1, "kappa", "in discrete time it is less than 1")
+    drops = any(i < ledger.model.n for i in ledger.dropped) or ledger.spanning
+    require(not drops, "dropped", "in discrete time no state is dropped")
+    integrals = any(mu for point in ledger.points for _, mu in point.densities)
+    require(not integrals, "points", "in discrete time V has no integrals: every density is 0")
+    require(not ledger.has_slopes, "P", "in discrete time P is over the states, and no fact is about slopes")
 
 
 def _equilibrium(ledger: Ledger) -> None:
-    ball = ledger.ball
+    ball, where = ledger.ball, "operating_point"
     if ball is None:
-        if ledger.claim == "region" and any(ledger.model.b):
-            raise NotProvedError("operating_point", "a region needs an equilibrium, and b is not zero at the reference")
-    elif ledger.claim == "practical":
-        raise NotProvedError("operating_point", "claim practical is about x_ref: null is needed")
-    elif not has_unique_equilibrium(ledger.model.resting, ball.x, ball.radius, ball.u):
-        raise NotProvedError("operating_point", "no proof that exactly one equilibrium lies in the ball")
+        rests = ledger.claim != "region" or not any(ledger.model.b)
+        require(rests, where, "a region needs an equilibrium, and b is not zero at the reference")
+        return
+    require(ledger.claim != "practical", where, "claim practical is about x_ref: null is needed")
+    unique = has_unique_equilibrium(ledger.model.resting, ball.x, ball.radius, ball.u)
+    require(unique, where, "no proof that exactly one equilibrium lies in the ball")
 
 
 def _ends(curve: Curve) -> tuple[Fraction, Fraction] | None:
@@ -120,44 +114,39 @@ def _ends(curve: Curve) -> tuple[Fraction, Fraction] | None:
 def _curve(where: str, curve: Curve) -> None:
     """Every function is continuous, and each form is what the file says, on the domain, for every possible centre."""
     domain = curve.domain
-    if domain is not None and not domain[0] < 0 < domain[1]:
-        raise NotProvedError(f"{where}.domain", "0 must lie inside")
-    if curve.shift == "any" and domain is not None:
-        raise NotProvedError(f"{where}.domain", "with any centre it is all of R")
-    if reason := discontinuous(curve.functions, curve.continuous, _ends(curve)):
-        raise NotProvedError(f"{where}.continuous", f"no proof that the functions are continuous: {reason}")
+    require(domain is None or domain[0] < 0 < domain[1], f"{where}.domain", "0 must lie inside")
+    require(curve.shift != "any" or domain is None, f"{where}.domain", "with any centre it is all of R")
+    reason = discontinuous(curve.functions, curve.continuous, _ends(curve))
+    require(not reason, f"{where}.continuous", f"no proof that the functions are continuous: {reason}")
     for k in range(len(curve.forms)):
         _form(f"{where}.forms[{k}]", curve, k)
     for j, product in enumerate(curve.products):
-        if curve.shift is not None or domain is not None:
-            raise NotProvedError(f"{where}.products[{j}]", "a product with a constant is not shifted, and on all of R")
+        plain, at = curve.shift is None and domain is None, f"{where}.products[{j}]"
+        require(plain, at, "a product with a constant is not shifted, and on all of R")
         lemma = Product(curve.functions, (curve.forms[product.k].l, curve.forms[product.q].l), product.c)
-        if reason := lemma.unproved(product.cuts):
-            raise NotProvedError(f"{where}.products[{j}]", f"it is not proved: {reason}")
+        reason = lemma.unproved(product.cuts)
+        require(not reason, at, f"it is not proved: {reason}")
 
 
 def _form(where: str, curve: Curve, k: int) -> None:
-    form = curve.forms[k]
-    if curve.shift == "any" and form.kind not in RISING:
-        raise NotProvedError(where, "with any centre a form is nondecreasing or rising")
-    if reason := _lemma(curve, form, form.kind, allowance=form.offset).unproved(form.cuts, curve.domain):
-        raise NotProvedError(where, f"no proof that it is {form.kind}: {reason}")
-    upper = form.upper
+    form, any_centre = curve.forms[k], curve.shift == "any"
+    require(not any_centre or form.kind in RISING, where, "with any centre a form is nondecreasing or rising")
+    reason = _lemma(curve, form, form.kind, allowance=form.offset).unproved(form.cuts, curve.domain)
+    require(not reason, where, f"no proof that it is {form.kind}: {reason}")
+    upper, at = form.upper, f"{where}.upper"
     if upper is not None and not _is_free(curve, k):
         if upper.cuts is None:
-            raise NotProvedError(f"{where}.upper", "such a bound needs cuts")
-        if curve.shift == "any":
-            raise NotProvedError(f"{where}.upper", "with any centre the bound is c >= 1, or 1/2 for a multiple of y")
-        lemma = _lemma(curve, form, "upper", c=upper.c, allowance=upper.e)
-        if reason := lemma.unproved(upper.cuts, curve.domain):
-            raise NotProvedError(f"{where}.upper", f"the bound of the integral is not proved: {reason}")
+            raise NotProvedError(at, "such a bound needs cuts")
+        require(not any_centre, at, "with any centre the bound is c >= 1, or 1/2 for a multiple of y")
+        reason = _lemma(curve, form, "upper", c=upper.c, allowance=upper.e).unproved(upper.cuts, curve.domain)
+        require(not reason, at, f"the bound of the integral is not proved: {reason}")
     if form.lower is not None:
         d, j = form.lower
         other = curve.forms[j]
-        beside = (form.l[0] - d, *form.l[1:]) == other.l and (curve.is_sector(j) or other.kind == "offset")
-        if not (beside or (curve.is_square(k) and other.kind in RISING and curve.is_sector(k))):
-            message = "form j must be l - d e_0, a sector form or one with an offset, or e_0 - d l, nondecreasing"
-            raise NotProvedError(f"{where}.lower", message)
+        bounds = (form.l[0] - d, *form.l[1:]) == other.l and (curve.is_sector(j) or other.kind == "offset")
+        bounds = bounds or (curve.is_square(k) and other.kind in RISING and curve.is_sector(k))
+        message = "form j must be l - d e_0, a sector form or one with an offset, or e_0 - d l, nondecreasing"
+        require(bounds, f"{where}.lower", message)
 
 
 def _lemma(curve: Curve, form: Form, kind: str, **numbers: Fraction) -> Lemma:
@@ -186,16 +175,15 @@ def _point(ledger: Ledger, p: int) -> None:
     for c, (program, alpha) in zip(point.channels, curve.functions, strict=True):
         channel = ledger.model.channels[c]
         spend(len(channel.row))
-        if channel.program != program:
-            raise NotProvedError(where, f"channel {c} has another function")
-        if {i: r for i, r in channel.row.items() if r} != {i: alpha * r for i, r in point.row.items()}:
-            raise NotProvedError(where, f"the row of channel {c} is not the multiple of the point's row")
-    if (curve.shift is None) != (ledger.ball is None):
-        raise NotProvedError(where, "the curve is shifted exactly where there is an operating point")
+        require(channel.program == program, where, f"channel {c} has another function")
+        multiple = channel.row == {i: alpha * r for i, r in point.row.items()}
+        require(multiple, where, f"the row of channel {c} is not the multiple of the point's row")
+    shifted = (curve.shift is None) == (ledger.ball is None)
+    require(shifted, where, "the curve is shifted exactly where there is an operating point")
     if isinstance(curve.shift, tuple):
         center, radius = centre(ledger, point)
-        if abs(center - curve.shift[0]) + radius > curve.shift[1]:
-            raise NotProvedError(where, "its centre is not within the curve's")
+        within = abs(center - curve.shift[0]) + radius <= curve.shift[1]
+        require(within, where, "its centre is not within the curve's")
 
 
 def centre(ledger: Ledger, point: Point) -> tuple[Fraction, Fraction]:
@@ -209,54 +197,51 @@ def centre(ledger: Ledger, point: Point) -> tuple[Fraction, Fraction]:
 
 
 def _every_channel_stands(ledger: Ledger) -> None:
-    missing = set(range(len(ledger.model.channels))) - {c for point in ledger.points for c in point.channels}
-    if missing:
-        raise NotProvedError("points", f"channel {min(missing)} stands at no point, so it is not proved continuous")
+    standing = {c for point in ledger.points for c in point.channels}
+    for c in range(len(ledger.model.channels)):
+        require(c in standing, "points", f"channel {c} stands at no point, so it is not proved continuous")
 
 
 def _fact(ledger: Ledger, fact: Fact, where: str) -> None:
     """The two rows have the sign that the kind of fact says."""
     points = ledger.points[fact.p], ledger.points[fact.q]
     curves = [ledger.curves[point.curve] for point in points]
-    if fact.kind == "constant":
-        if ledger.claim != "practical":
-            raise NotProvedError(where, "constants belong to claim practical")
-        return  # proved with its curve, which is not shifted and on all of R
+    if fact.kind == "constant":  # proved with its curve, which is not shifted and on all of R
+        require(ledger.claim == "practical", where, "constants belong to claim practical")
+        return
     forms = curves[0].forms[fact.k], curves[1].forms[fact.l]
-    if fact.kind == "value" and not all(curves[0].is_sector(k) for k in (fact.k, fact.l)):
-        raise NotProvedError(where, "both forms must be sector forms")
-    if fact.kind == "one_signed" and not all(form.kind == "one-signed" for form in forms):
-        raise NotProvedError(where, "both forms must be one-signed")
-    if fact.kind == "slope" and not all(form.kind in RISING for form in forms):
-        raise NotProvedError(where, "both forms must be nondecreasing")
+    rising, same = all(form.kind in RISING for form in forms), points[0].curve == points[1].curve
+    if fact.kind == "value":
+        require(all(curves[0].is_sector(k) for k in (fact.k, fact.l)), where, "both forms must be sector forms")
+    if fact.kind == "one_signed":
+        require(all(form.kind == "one-signed" for form in forms), where, "both forms must be one-signed")
+    if fact.kind == "slope":
+        require(rising, where, "both forms must be nondecreasing")
     if fact.kind == "difference":
-        if points[0].curve != points[1].curve or not all(form.kind in RISING for form in forms):
-            raise NotProvedError(where, "two points of one curve and nondecreasing forms are needed")
+        require(same and rising, where, "two points of one curve and nondecreasing forms are needed")
         _equal_centres(ledger, curves[0], points, fact.sign, where)
 
 
 def _equal_centres(ledger: Ledger, curve: Curve, points: tuple[Point, Point], sign: int, where: str) -> None:
-    balls = [centre(ledger, point) for point in points]
-    if any(radius for _, radius in balls) or balls[0] != balls[1]:
-        raise NotProvedError(where, "the two points are not proved to have the same centre")
+    (first, radius), (second, other) = (centre(ledger, point) for point in points)
+    equal = first == second and not radius and not other
+    require(equal, where, "the two points are not proved to have the same centre")
     if sign > 0:
-        if not curve.odd or balls[0][0]:
-            raise NotProvedError(where, "a sum needs odd functions that are not shifted")
-        if curve.domain is not None and curve.domain[0] != -curve.domain[1]:
-            raise NotProvedError(where, "a sum needs a symmetric domain")
+        require(curve.odd and not first, where, "a sum needs odd functions that are not shifted")
+        symmetric = curve.domain is None or curve.domain[0] == -curve.domain[1]
+        require(symmetric, where, "a sum needs a symmetric domain")
 
 
 def _densities(ledger: Ledger, p: int, point: Point) -> None:
     """Each density has an integral that is not negative, or offsets in claim practical."""
-    curve = ledger.curves[point.curve]
-    for k, mu in point.densities:
+    curve, offset = ledger.curves[point.curve], ledger.claim == "practical"
+    for k in (k for k, mu in point.densities if mu):
         form, where = curve.forms[k], f"points[{p}].densities, form {k}"
-        if mu and form.lower is None and not (curve.is_sector(k) or form.kind == "offset"):
-            raise NotProvedError(where, "a density is a sector form, or has an offset or a lower bound")
+        bounded = form.lower is not None or curve.is_sector(k) or form.kind == "offset"
+        require(bounded, where, "a density is a sector form, or has an offset or a lower bound")
         below = form.offset if form.lower is None else curve.forms[form.lower[1]].offset
         above = _ZERO if form.upper is None else form.upper.e
-        if mu and ledger.claim != "practical" and (below or above):
-            raise NotProvedError(where, "offsets belong to claim practical")
+        require(offset or not (below or above), where, "offsets belong to claim practical")
 
 
 def _values(ledger: Ledger, p: int, point: Point) -> None:
@@ -265,57 +250,48 @@ def _values(ledger: Ledger, p: int, point: Point) -> None:
     for c, function in zip(point.channels, curve.functions, strict=True):
         if c in ledger.inside_at:
             where = f"P.channels, channel {c}"
-            if reason := discontinuous((function,), curve.continuous, _ends(curve), lipschitz=True):
-                raise NotProvedError(where, f"no proof that it is locally Lipschitz: {reason}")
-            if ledger.claim != "practical" and curve.shift is None and not vanishes((function,), (_ZERO, _ONE)):
-                raise NotProvedError(where, "it is not 0 at the operating point")
-
-
-def _domains(ledger: Ledger) -> None:
-    if ledger.claim != "region" and any(ledger.curves[point.curve].domain for point in ledger.points):
-        raise NotProvedError("curves", "only claim region has functions on a domain")
+            reason = discontinuous((function,), curve.continuous, _ends(curve), lipschitz=True)
+            require(not reason, where, f"no proof that it is locally Lipschitz: {reason}")
+            free = ledger.claim == "practical" or curve.shift is not None
+            require(free or vanishes((function,), (_ZERO, _ONE)), where, "it is not 0 at the operating point")
 
 
 def _rows_kept(ledger: Ledger, matrices: Assembly) -> tuple[int, ...]:
     """Every dropped entry has an exactly zero row in M; return the others, with v and w."""
-    dropped = set(ledger.dropped)
-    entries = matrices.M.entries
+    dropped, entries = set(ledger.dropped), matrices.M.entries
     for i in ledger.dropped:
-        if any(entries[i, j] != 0 for j in range(matrices.M.width)):
-            raise NotProvedError("dropped", f"row {i} of M is not zero")
+        is_zero = all(entries[i, j] == 0 for j in range(matrices.M.width))
+        require(is_zero, "dropped", f"row {i} of M is not zero")
     return tuple(i for i in range(matrices.M.height) if i not in dropped)
 
 
 def _lyapunov(ledger: Ledger, matrices: Assembly, kept: tuple[int, ...]) -> None:
     """Pt - p I > 0; where states are dropped, P > 0 on the others, and they span with growing forms of V."""
-    n = ledger.model.order
+    n, P, Pt = ledger.model.order, matrices.P, matrices.Pt
     states = [i for i in kept if i < n]
-    if len(states) < n and ledger.inside:
-        raise NotProvedError("dropped", "where states are dropped P is over the states alone")
     if len(states) < n:
-        _spanning(ledger, states, matrices.P)
-    elif ledger.spanning:
-        raise NotProvedError("spanning", "no state is dropped")
-    values = list(range(n, matrices.Pt.height))
-    lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
-    if not proves(ledger.proof["P"], lower.kept(*[states + values] * 2)):
-        raise NotProvedError("proof.P", "the lower bound of V is not proved positive definite")
+        require(not ledger.inside, "dropped", "where states are dropped P is over the states alone")
+        _spanning(ledger, states, P)
+    else:
+        require(not ledger.spanning, "spanning", "no state is dropped")
+    values = list(range(n, Pt.height))
+    lower = (Pt + diagonal([-ledger.p] * n + [0] * len(values))).kept(*[states + values] * 2)
+    require(proves(ledger.proof["P"], lower), "proof.P", "the lower bound of V is not proved positive definite")
 
 
 def _spanning(ledger: Ledger, states: list[int], P: Matrix) -> None:
     n, dropped = ledger.model.order, set(ledger.dropped)
-    if ledger.claim != "iss":
-        raise NotProvedError("dropped", "a state is dropped; only claim iss may do so")
-    if any(P.entries[i, j] != 0 for i in dropped if i < n for j in range(n)):
-        raise NotProvedError("dropped", "P has an entry at a dropped state")
-    if any(mu and ledger.curves[point.curve].forms[k].lower for point in ledger.points for k, mu in point.densities):
-        raise NotProvedError("dropped", "where states are dropped no density has a lower bound")
+    require(ledger.claim == "iss", "dropped", "a state is dropped; only claim iss may do so")
+    clear = all(P.entries[i, j] == 0 for i in dropped if i < n for j in range(n))
+    require(clear, "dropped", "P has an entry at a dropped state")
+    densities = [ledger.curves[point.curve].forms[k] for point in ledger.points for k, mu in point.densities if mu]
+    bounded = any(form.lower for form in densities)
+    require(not bounded, "dropped", "where states are dropped no density has a lower bound")
     rows: list[Row] = [{i: _ONE} for i in states]
-    for p, k in ledger.spanning:
-        rows.append(_spanning_row(ledger, p, k, dropped))
+    rows += [_spanning_row(ledger, p, k, dropped) for p, k in ledger.spanning]
     flat = [_residue(row.get(i, _ZERO)) for row in rows for i in range(n)]
-    if nmod_mat(len(rows), n, flat, PRIME).rank() < n:
-        raise NotProvedError("spanning", "kept states and rows of growing forms do not span the state space")
+    spans = nmod_mat(len(rows), n, flat, PRIME).rank() == n
+    require(spans, "spanning", "kept states and rows of growing forms do not span the state space")
 
 
 def _residue(value: Fraction) -> int:
@@ -330,12 +306,11 @@ def _spanning_row(ledger: Ledger, p: int, k: int, dropped: set[int]) -> Row:
     form, n = curve.forms[k], ledger.model.n
     spend(len(point.densities) + len(form.l) + n)
     grows = form.kind == "growing" or (form.kind == "rising" and curve.resting[k])
-    if not grows or not any(mu and density == k for density, mu in point.densities):
-        raise NotProvedError("spanning", f"form {k} of point {p} is not growing, or not in V")
+    grows = grows and any(mu and density == k for density, mu in point.densities)
+    require(grows, "spanning", f"form {k} of point {p} is not growing, or not in V")
     reads = {n + c for c, value in zip(point.channels, form.l[1:], strict=True) if value}
     reads |= set(point.row) if form.l[0] else set()
-    if reads & dropped:
-        raise NotProvedError("spanning", f"form {k} of point {p} reads a dropped entry")
+    require(not reads & dropped, "spanning", f"form {k} of point {p} reads a dropped entry")
     return point.row
 
 
@@ -356,10 +331,10 @@ def _bounds(ledger: Ledger, matrices: Assembly) -> None:
 def _outputs(outputs: Sequence[Output], bounding: Definite) -> None:
     """c_i is at least C_i Pt^-1 C_i', and L_i s + h_i and L_i s - h_i do not fall."""
     for i, (output, bound) in enumerate(zip(outputs, bounding.bounds([output.row for output in outputs]), strict=True)):
-        if bound > output.constant:
-            raise NotProvedError(f"outputs.constants[{i}]", "c V >= (C (x - x*))^2 is not proved from the bound of V")
-        if output.map is not None and (reason := _steeper(output.map)):
-            raise NotProvedError(f"outputs.lipschitz[{i}]", f"no proof that the map is nowhere steeper: {reason}")
+        bounded, where = bound <= output.constant, f"outputs.constants[{i}]"
+        require(bounded, where, "c V >= (C (x - x*))^2 is not proved from the bound of V")
+        reason = output.map and _steeper(output.map)
+        require(not reason, f"outputs.lipschitz[{i}]", f"no proof that the map is nowhere steeper: {reason}")
 
 
 def _steeper(map: Map) -> str | None:
@@ -373,14 +348,12 @@ def _region(ledger: Ledger, matrices: Assembly, bounding: Definite) -> None:
     sides = [side for side in ledger.sides if ledger.is_of_states(side[0])]
     for (_, lo, hi), bound in zip(sides, bounding.bounds([row for row, *_ in sides]), strict=True):
         h = min(-lo, hi)
-        if h <= 0:
-            raise NotProvedError("strips", "each strip holds 0 inside")
-        if ledger.level * bound >= h * h:
-            raise NotProvedError("level", "the level set is not proved to stay off every face")
+        require(h > 0, "strips", "each strip holds 0 inside")
+        require(ledger.level * bound < h * h, "level", "the level set is not proved to stay off every face")
     supply = sum((deviation.s * deviation.epsilon**2 for deviation in ledger.deviations), _ZERO)
     room = ledger.kappa * ledger.level - supply
-    if room < 0 or _largest(ledger, matrices) * ledger.input_bound**32 > room**16:
-        raise NotProvedError("input_bound", "the region is not proved invariant for inputs of this size")
+    invariant = room >= 0 and _largest(ledger, matrices) * ledger.input_bound**32 <= room**16
+    require(invariant, "input_bound", "the region is not proved invariant for inputs of this size")
     if ledger.algebraic is not None:
         prove_bounds(ledger, ledger.algebraic, matrices)
 
