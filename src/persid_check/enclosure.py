@@ -7,8 +7,9 @@ So a program that runs through on an interval is continuous there: that is how c
 from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
+from operator import add, mul, sub, truediv
 from secrets import randbits
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from flint import arb, ctx, fmpq
 
@@ -24,8 +25,14 @@ class UndefinedError(ArithmeticError):
     """A function is not proved to be defined, continuous and finite on the whole argument."""
 
 
+def require_defined(proved: object, why: str) -> None:
+    """Raise UndefinedError unless what a function needs is proved."""
+    if not proved:
+        raise UndefinedError(why)
+
+
 class Element(Protocol):
-    """What a program may be run on: an interval, or an expansion at 0 or at infinity."""
+    """What a program may be run on: an interval, an expansion at 0 or at infinity, one of these with its derivative."""
 
     def __add__(self, other: Self) -> Self: ...
     def __sub__(self, other: Self) -> Self: ...
@@ -37,10 +44,10 @@ class Element(Protocol):
         """Return self ** exponent, an integer or a half-integer."""
 
     def apply(self, name: str) -> Self:
-        """Return a function of the grammar."""
+        """Return a function of the grammar, or the derivative f' of abs, relu, sat, deadzone or erf.
 
-    def slope(self, name: str) -> Self:
-        """Return the derivative of abs, relu, sat or deadzone; at a kink, all values between the two sides."""
+        At a kink this is all values between the two sides.
+        """
 
     def constant(self, value: Fraction) -> Self:
         """Return a constant of the same kind."""
@@ -57,9 +64,6 @@ class Interval:
 
     def __init__(self, lo: arb, hi: arb) -> None:
         self.lo, self.hi = lo, hi
-
-    def __repr__(self) -> str:
-        return f"Interval({self.lo.str(10)}, {self.hi.str(10)})"
 
     def __add__(self, other: "Interval") -> "Interval":
         return Interval((self.lo + other.lo).lower(), (self.hi + other.hi).upper())
@@ -78,8 +82,7 @@ class Interval:
         return Interval(_least([p.lower() for p in products]), -_least([-p.upper() for p in products]))
 
     def __truediv__(self, other: "Interval") -> "Interval":
-        if not (other.lo > 0 or other.hi < 0):
-            raise UndefinedError("division by zero")
+        require_defined(other.lo > 0 or other.hi < 0, "division by zero")
         return self * _finite((1 / other.hi).lower(), (1 / other.lo).upper())
 
     def constant(self, value: Fraction) -> "Interval":
@@ -91,10 +94,7 @@ class Interval:
         if exponent < 0:
             return constant(Fraction(1)) / self.power(-exponent)
         if exponent.denominator == 2:
-            if not self.lo >= 0:
-                raise UndefinedError("a half-integer power of a negative number")
-            roots = Interval(self.lo.sqrt().lower(), self.hi.sqrt().upper())
-            return roots * self.power(exponent - Fraction(1, 2))
+            return self.apply("sqrt") * self.power(exponent - Fraction(1, 2))
         n = int(exponent)
         ends = self if n % 2 else self.apply("abs")
         return _finite((ends.lo**n).lower(), (ends.hi**n).upper())
@@ -105,18 +105,6 @@ class Interval:
             f = _MONOTONE[name]
             return _finite(f(self.lo).lower(), f(self.hi).upper())
         return _OTHERS[name](self)
-
-    def slope(self, name: str) -> "Interval":
-        """Return the derivative of abs, relu, sat or deadzone; the hull at a kink, and at a kink alone."""
-        if name in ("sat", "deadzone"):
-            inside = self.lo >= -1 and self.hi <= 1
-            outside = self.lo >= 1 or self.hi <= -1
-            low, high = (_ZERO, _ONE) if inside == outside else (_ONE, _ONE) if inside else (_ZERO, _ZERO)
-            return Interval(low, high) if name == "sat" else Interval(1 - high, 1 - low)
-        below = -_ONE if name == "abs" else _ZERO
-        if self.hi > 0:
-            return Interval(_ONE if self.lo >= 0 else below, _ONE)
-        return Interval(below, below if self.lo < 0 else _ONE)
 
     def hull(self, other: "Interval") -> "Interval":
         """Return the least interval that holds both."""
@@ -155,8 +143,7 @@ def between(low: Fraction, high: Fraction) -> Interval:
 
 
 def _finite(lo: arb, hi: arb) -> Interval:
-    if not (lo.is_finite() and hi.is_finite()):
-        raise UndefinedError("not finite")
+    require_defined(lo.is_finite() and hi.is_finite(), "not finite")
     return Interval(lo, hi)
 
 
@@ -173,18 +160,6 @@ def _softplus(v: arb) -> arb:
     return v + (-v).exp().log1p() if v > 0 else v.exp().log1p()
 
 
-def _log1p(v: arb) -> arb:
-    if not v > -1:
-        raise UndefinedError("the logarithm of a number that is not positive")
-    return v.log1p()
-
-
-def _sqrt(v: arb) -> arb:
-    if not v >= 0:
-        raise UndefinedError("the square root of a negative number")
-    return v.sqrt()
-
-
 def _deadzone(v: arb) -> arb:
     return v - 1 if v > 1 else v + 1 if v < -1 else _ZERO
 
@@ -193,10 +168,11 @@ def _sat(v: arb) -> arb:
     return _ONE if v > 1 else -_ONE if v < -1 else v
 
 
+# Where one is not defined it is not a number, and so not finite.
 _MONOTONE: dict[str, Callable[[arb], arb]] = {
-    "sqrt": _sqrt,
+    "sqrt": arb.sqrt,
     "exp": arb.exp,
-    "log1p": _log1p,
+    "log1p": arb.log1p,
     "expm1": arb.expm1,
     "sinh": arb.sinh,
     "tanh": arb.tanh,
@@ -238,11 +214,9 @@ def _wave(v: Interval, f: Callable[[arb], arb], derivative: Callable[[arb], arb]
 
 def _tan(v: Interval) -> Interval:
     """Tangent: without a zero of the cosine inside, it is continuous and increasing."""
-    if is_far(v.lo) or is_far(v.hi):
-        raise UndefinedError("a tangent too far out")
+    require_defined(not is_far(v.lo) and not is_far(v.hi), "a tangent too far out")
     cosine = v.ball().cos()
-    if not (cosine > 0 or cosine < 0):
-        raise UndefinedError("a pole of the tangent")
+    require_defined(cosine > 0 or cosine < 0, "a pole of the tangent")
     return _finite(v.lo.tan().lower(), v.hi.tan().upper())
 
 
@@ -251,13 +225,40 @@ def _cosh(v: Interval) -> Interval:
     return _finite(ends.lo.cosh().lower(), ends.hi.cosh().upper())
 
 
+def _bell(v: Interval) -> Interval:
+    """The derivative of erf: even, decreasing in |v|."""
+    ends = _abs(v)
+    factor = 2 / arb.pi().sqrt()
+    return Interval((factor * (-ends.hi * ends.hi).exp()).lower(), (factor * (-ends.lo * ends.lo).exp()).upper())
+
+
+def _step(v: Interval, below: arb) -> Interval:
+    """The derivative of what is below v for v < 0 and v for v > 0; the hull at the kink, and at the kink alone."""
+    if v.hi > 0:
+        return Interval(_ONE if v.lo >= 0 else below, _ONE)
+    return Interval(below, below if v.lo < 0 else _ONE)
+
+
+def _sat_slope(v: Interval) -> Interval:
+    inside, outside = v.lo >= -1 and v.hi <= 1, v.lo >= 1 or v.hi <= -1
+    return Interval(_ONE if inside and not outside else _ZERO, _ZERO if outside and not inside else _ONE)
+
+
 _OTHERS: dict[str, Callable[[Interval], Interval]] = {
     "abs": _abs,
     "sin": lambda v: _wave(v, arb.sin, arb.cos),
     "cos": lambda v: _wave(v, arb.cos, lambda ball: -ball.sin()),
     "tan": _tan,
     "cosh": _cosh,
+    "erf'": _bell,
+    "abs'": lambda v: _step(v, -_ONE),
+    "relu'": lambda v: _step(v, _ZERO),
+    "sat'": _sat_slope,
+    "deadzone'": lambda v: Interval(_ONE, _ONE) - _sat_slope(v),
 }
+
+
+ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {"+": add, "-": sub, "*": mul, "/": truediv}
 
 
 def value(program: Program, x: E) -> E:
@@ -268,9 +269,9 @@ def value(program: Program, x: E) -> E:
             stack.append(x)
         elif step.name == "number":
             stack.append(x.constant(step.value or Fraction(0)))
-        elif step.name in ("+", "-", "*", "/"):
+        elif step.name in ARITHMETIC:
             b, a = stack.pop(), stack.pop()
-            stack.append(_arithmetic(step.name, a, b))
+            stack.append(ARITHMETIC[step.name](a, b))
         elif step.name == "neg":
             stack.append(-stack.pop())
         elif step.name == "**":
@@ -282,42 +283,46 @@ def value(program: Program, x: E) -> E:
 
 def value_and_slope(program: Program, x: E, dx: E) -> tuple[E, E]:
     """Run a program and its derivative together, by the chain rule."""
-    zero = x.constant(Fraction(0))
-    stack: list[tuple[E, E]] = []
-    for step in program:
-        if step.name == "x":
-            stack.append((x, dx))
-        elif step.name == "number":
-            stack.append((x.constant(step.value or Fraction(0)), zero))
-        elif step.name in ("+", "-", "*", "/"):
-            (b, db), (a, da) = stack.pop(), stack.pop()
-            v = _arithmetic(step.name, a, b)
-            stack.append((v, _arithmetic_slope(step.name, v, a, da, b, db)))
-        elif step.name == "neg":
-            a, da = stack.pop()
-            stack.append((-a, -da))
-        elif step.name == "**":
-            (a, da), p = stack.pop(), step.value or Fraction(0)
-            stack.append((a.power(p), a.constant(p) * a.power(p - 1) * da if p else zero))
-        else:
-            a, da = stack.pop()
-            v = a.apply(step.name)
-            stack.append((v, _derivative(step.name, a, v) * da))
-    return stack.pop()
+    found = value(program, _Differentiated(x, dx, x.constant(Fraction(0))))
+    return found.v, found.slope
 
 
-def _arithmetic(name: str, a: E, b: E) -> E:
-    if name == "+":
-        return a + b
-    if name == "-":
-        return a - b
-    return a * b if name == "*" else a / b
+class _Differentiated(Generic[E]):
+    """An element and its derivative, with the zero that is the derivative of a constant."""
 
+    __slots__ = ("slope", "v", "zero")
 
-def _arithmetic_slope(name: str, v: E, a: E, da: E, b: E, db: E) -> E:
-    if name in ("+", "-"):
-        return _arithmetic(name, da, db)
-    return da * b + a * db if name == "*" else (da - v * db) / b
+    def __init__(self, v: E, slope: E, zero: E) -> None:
+        self.v, self.slope, self.zero = v, slope, zero
+
+    def __add__(self, other: Self) -> "_Differentiated[E]":
+        return _Differentiated(self.v + other.v, self.slope + other.slope, self.zero)
+
+    def __sub__(self, other: Self) -> "_Differentiated[E]":
+        return _Differentiated(self.v - other.v, self.slope - other.slope, self.zero)
+
+    def __neg__(self) -> "_Differentiated[E]":
+        return _Differentiated(-self.v, -self.slope, self.zero)
+
+    def __mul__(self, other: Self) -> "_Differentiated[E]":
+        return _Differentiated(self.v * other.v, self.slope * other.v + self.v * other.slope, self.zero)
+
+    def __truediv__(self, other: Self) -> "_Differentiated[E]":
+        v = self.v / other.v
+        return _Differentiated(v, (self.slope - v * other.slope) / other.v, self.zero)
+
+    def constant(self, value: Fraction) -> "_Differentiated[E]":
+        return _Differentiated(self.v.constant(value), self.zero, self.zero)
+
+    def power(self, exponent: Fraction) -> "_Differentiated[E]":
+        v = self.v.power(exponent)
+        slope = self.v.constant(exponent) * self.v.power(exponent - 1) * self.slope if exponent else self.zero
+        return _Differentiated(v, slope, self.zero)
+
+    def apply(self, name: str) -> "_Differentiated[E]":
+        v = self.v.apply(name)
+        outer = _DERIVATIVES[name](self.v, v) if name in _DERIVATIVES else self.v.apply(f"{name}'")
+        return _Differentiated(v, outer * self.slope, self.zero)
 
 
 _HALF, _UNIT, _TWO = Fraction(1, 2), Fraction(1), Fraction(2)
@@ -327,7 +332,7 @@ def _one(a: E) -> E:
     return a.constant(_UNIT)
 
 
-# The derivative of each smooth function at a, where its value is v.
+# The derivative of smooth functions at a, where the value is v; of others it is a function of its own.
 _DERIVATIVES: dict[str, Callable[[Any, Any], Any]] = {
     "sqrt": lambda a, v: a.constant(_HALF) / v,
     "exp": lambda a, v: v,
@@ -341,23 +346,6 @@ _DERIVATIVES: dict[str, Callable[[Any, Any], Any]] = {
     "tanh": lambda a, v: a.apply("cosh").power(-_TWO),
     "arcsinh": lambda a, v: (_one(a) + a.power(_TWO)).power(-_HALF),
     "arctan": lambda a, v: _one(a) / (_one(a) + a.power(_TWO)),
-    "erf": lambda a, v: a.apply("erf'"),
     "softsign": lambda a, v: (_one(a) + a.apply("abs")).power(-_TWO),
     "softplus": lambda a, v: _one(a) / (_one(a) + (-a).apply("exp")),
 }
-
-
-def _derivative(name: str, a: E, v: E) -> E:
-    """The derivative of a function of the grammar at a, where its value is v."""
-    derivative: E = a.slope(name) if name not in _DERIVATIVES else _DERIVATIVES[name](a, v)
-    return derivative
-
-
-def _bell(v: Interval) -> Interval:
-    """The derivative of erf: even, decreasing in |v|."""
-    ends = _abs(v)
-    factor = 2 / arb.pi().sqrt()
-    return Interval((factor * (-ends.hi * ends.hi).exp()).lower(), (factor * (-ends.lo * ends.lo).exp()).upper())
-
-
-_OTHERS["erf'"] = _bell

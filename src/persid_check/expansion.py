@@ -8,10 +8,12 @@ order of growth. Whatever decays is bounded by its value at Y, so the leading te
 
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
+from operator import add, itemgetter, mul, truediv
+from typing import Any
 
 from flint import arb, fmpq
 
-from persid_check.enclosure import Interval, UndefinedError, constant, enclose
+from persid_check.enclosure import Interval, UndefinedError, constant, enclose, require_defined
 from persid_check.taylor import ORDER, Coefficient, coefficients_about, series
 from persid_check.work import spend
 
@@ -33,12 +35,10 @@ def interval(c: Coefficient) -> Interval:
     return c if isinstance(c, Interval) else enclose(arb(c))
 
 
-def _plus(a: Coefficient, b: Coefficient) -> Coefficient:
-    return interval(a) + interval(b) if isinstance(a, Interval) or isinstance(b, Interval) else _low(a + b)
-
-
-def _times(a: Coefficient, b: Coefficient) -> Coefficient:
-    return interval(a) * interval(b) if isinstance(a, Interval) or isinstance(b, Interval) else _low(a * b)
+def _exactly(operation: Callable[[Any, Any], Any], a: Coefficient, b: Coefficient) -> Coefficient:
+    """Return a + b, a b, ...: exactly where both are fractions and the result is not too long a one."""
+    exact = not isinstance(a, Interval) and not isinstance(b, Interval)
+    return _low(operation(a, b)) if exact else operation(interval(a), interval(b))
 
 
 def _low(c: fmpq) -> Coefficient:
@@ -49,13 +49,8 @@ def _is_zero(c: Coefficient) -> bool:
     return bool(c.lo == 0 and c.hi == 0) if isinstance(c, Interval) else bool(c == 0)
 
 
-def _key(term: tuple[Key, Coefficient]) -> Key:
-    return term[0]
-
-
 def _refuse_large(key: Key) -> None:
-    if any(abs(exponent) > MAX_KEY for exponent in key):
-        raise UndefinedError("an exponent is too large")
+    require_defined(all(abs(exponent) <= MAX_KEY for exponent in key), "an exponent is too large")
 
 
 class Horizon:
@@ -69,16 +64,14 @@ class Horizon:
         """Return [0, sup] of e^(b y) y^a (log y)^d on y >= Y, for a monomial that decreases there."""
         if key not in self._suprema:
             b, a, d = key
-            if not key < CONSTANT or not self._decreases(b, a, d):
-                raise UndefinedError("not proved to decrease")
+            require_defined(key < CONSTANT and self._decreases(b, a, d), "not proved to decrease")
             self._suprema[key] = Interval(arb(0), self.monomial(key).upper())
         return self._suprema[key]
 
     def _decreases(self, b: fmpq, a: fmpq, d: fmpq) -> bool:
         """b y + a + d / log y <= 0 for all y >= Y, where b <= 0."""
         total = arb(b * self.Y + a)
-        if d != 0 and self.Y < 2:
-            raise UndefinedError("a logarithm near 1")
+        require_defined(d == 0 or self.Y >= 2, "a logarithm near 1")
         if d > 0:
             total += arb(d) / arb(self.Y).log()
         return bool(b <= 0 and total <= 0)
@@ -90,8 +83,7 @@ class Horizon:
         value = (arb(b) * y).exp() * y ** arb(a)
         if d != 0:
             value *= y.log() ** arb(d)
-        if not value.is_finite():
-            raise UndefinedError("not finite")
+        require_defined(value.is_finite(), "not finite")
         return value
 
 
@@ -103,11 +95,11 @@ class Expansion:
     def __init__(self, horizon: Horizon, terms: Iterable[tuple[Key, Coefficient]]) -> None:
         self.horizon = horizon
         merged: list[tuple[Key, Coefficient]] = []
-        listed = sorted(terms, key=_key, reverse=True)
+        listed = sorted(terms, key=itemgetter(0), reverse=True)
         spend(2 + 2 * len(listed))
         for key, c in listed:
             if merged and merged[-1][0] == key:
-                merged[-1] = (key, _plus(merged[-1][1], c))
+                merged[-1] = (key, _exactly(add, merged[-1][1], c))
             else:
                 merged.append((key, c))
         self.terms = self._shortened([term for term in merged if not _is_zero(term[1])])
@@ -118,7 +110,7 @@ class Expansion:
             return terms
         last, c = terms[MAX_TERMS - 1]
         for key, other in terms[MAX_TERMS:]:
-            c = _plus(c, interval(other) * self.horizon.bound(_ratio(key, last)))
+            c = _exactly(add, c, interval(other) * self.horizon.bound(_ratio(key, last)))
         return [*terms[: MAX_TERMS - 1], (last, c)]
 
     def _with(self, terms: Iterable[tuple[Key, Coefficient]]) -> "Expansion":
@@ -138,7 +130,8 @@ class Expansion:
         return self + (-other)
 
     def __mul__(self, other: "Expansion") -> "Expansion":
-        return self._with([(_product(k, m), _times(c, d)) for k, c in self.terms for m, d in other.terms])
+        products = [(_product(k, m), _exactly(mul, c, d)) for k, c in self.terms for m, d in other.terms]
+        return self._with(products)
 
     def __truediv__(self, other: "Expansion") -> "Expansion":
         return self * other.power(Fraction(-1))
@@ -149,22 +142,18 @@ class Expansion:
 
     def lead(self) -> tuple[Key, Coefficient]:
         """Return the leading term."""
-        if not self.terms:
-            raise UndefinedError("zero has no leading term")
+        require_defined(self.terms, "zero has no leading term")
         return self.terms[0]
 
     def relative(self) -> Interval:
         """Return an interval for v(y) / (leading monomial), for all y >= Y."""
-        first, total = self.lead()[0], interval(self.lead()[1])
-        for key, c in self.terms[1:]:
-            total += interval(c) * self.horizon.bound(_ratio(key, first))
-        return total
+        return self.range(self.lead()[0])
 
-    def range(self) -> Interval:
-        """Return an interval for v(y), for all y >= Y; v must not grow."""
+    def range(self, unit: Key = CONSTANT) -> Interval:
+        """Return an interval for v(y) / (a monomial), for all y >= Y; v must not grow faster than it."""
         total = constant(Fraction(0))
         for key, c in self.terms:
-            total += interval(c) * self.horizon.bound(key)
+            total += interval(c) * self.horizon.bound(_ratio(key, unit))
         return total
 
     def grows(self) -> bool:
@@ -185,7 +174,7 @@ class Expansion:
         _refuse_large(key)
         p = fmpq(exponent.numerator, exponent.denominator)
         head = self._with([((key[0] * p, key[1] * p, key[2] * p), _coefficient_power(c, exponent))])
-        rest = self._with([(_ratio(k, key), _quotient(d, c)) for k, d in self.terms[1:]])
+        rest = self._with([(_ratio(k, key), _exactly(truediv, d, c)) for k, d in self.terms[1:]])
         return head * rest.binomial(exponent)
 
     def _natural_power(self, n: int) -> "Expansion":
@@ -208,8 +197,7 @@ class Expansion:
         if not self.terms:
             return self.constant(Fraction(1))
         reach = constant(Fraction(1)) + self.range().hull(constant(Fraction(0)))
-        if not reach.lo > 0:
-            raise UndefinedError("a base that is not proved positive")
+        require_defined(reach.lo > 0, "a base that is not proved positive")
         return self._taylor(binomials[:-1], interval(binomials[-1]) * _real_power(reach, p - BINOMIAL_ORDER))
 
     def _taylor(self, polynomial: Sequence[Coefficient], remainder: Interval) -> "Expansion":
@@ -222,12 +210,10 @@ class Expansion:
     def log(self) -> "Expansion":
         """Return the logarithm of a positive self: log c + a log y + b y + log(1 + w)."""
         (b, a, d), c = self.lead()
-        if d != 0 or (a != 0 and self.horizon.Y < 2):
-            raise UndefinedError("the logarithm of a logarithm")
-        if not interval(c).lo > 0:
-            raise UndefinedError("the logarithm of a number that is not proved positive")
+        require_defined(d == 0 and (a == 0 or self.horizon.Y >= 2), "the logarithm of a logarithm")
+        require_defined(interval(c).lo > 0, "the logarithm of a number that is not proved positive")
         key = (b, a, d)
-        rest = self._with([(_ratio(k, key), _quotient(e, c)) for k, e in self.terms[1:]])
+        rest = self._with([(_ratio(k, key), _exactly(truediv, e, c)) for k, e in self.terms[1:]])
         head: Coefficient = _NONE if c == 1 else _log(interval(c))
         return self._with([(LINEAR, b), (LOGARITHM, a), (CONSTANT, head)]) + rest.bounded("log1p")
 
@@ -246,16 +232,14 @@ class Expansion:
     def _exp_downwards(self) -> "Expansion":
         """e^v <= e^(-k y) where v <= -k y, or e^v <= e^(v(Y) bound) where v falls more slowly."""
         (b, a, d), fall = self.lead()[0], -self.relative()
-        if not fall.lo > 0 or d < 0:
-            raise UndefinedError("an exponential grows too fast")
+        require_defined(fall.lo > 0 and d >= 0, "an exponential grows too fast")
         unit = Interval(arb(0), arb(1))
         if b == 0 and a >= 1 and (d == 0 or self.horizon.Y >= 3):
             rate = (fall.lo * self.horizon.monomial((b, a - 1, _NONE))).lower()
             return self._with([((-_floor(rate), _NONE, _NONE), unit)])
-        if b == 0 and (d == 0 or a == 0):
-            top = (-fall.lo * self.horizon.monomial((b, a, d)).lower()).upper().exp().upper()
-            return self._with([(CONSTANT, Interval(arb(0), top))])
-        raise UndefinedError("an exponential falls too fast")
+        require_defined(b == 0 and (d == 0 or a == 0), "an exponential falls too fast")
+        top = (-fall.lo * self.horizon.monomial((b, a, d)).lower()).upper().exp().upper()
+        return self._with([(CONSTANT, Interval(arb(0), top))])
 
     def bounded(self, name: str) -> "Expansion":
         """Return a smooth function of a self that does not grow, by Taylor's formula about its constant part."""
@@ -278,19 +262,6 @@ class Expansion:
             return self.power(Fraction(1, 2))
         return _GROWING[name](self) if self.grows() else self.bounded(name)
 
-    def slope(self, name: str) -> "Expansion":
-        """Return the derivative of abs, relu, sat or deadzone."""
-        if name in ("sat", "deadzone"):
-            low, high = _saturation_slope(self)
-            values = Interval(arb(low), arb(high)) if name == "sat" else Interval(arb(1 - high), arb(1 - low))
-        else:
-            low = 1 if self.is_nonnegative() else -1 if name == "abs" else 0
-            below = -1 if name == "abs" else 0
-            values = Interval(arb(low), arb(below if (-self).is_nonnegative() and low != 1 else 1))
-        if values.lo == values.hi:
-            return self._with([(CONSTANT, fmpq(int(float(values.lo))))])
-        return self._with([(CONSTANT, values)])
-
 
 def _product(k: Key, m: Key) -> Key:
     return (k[0] + m[0], k[1] + m[1], k[2] + m[2])
@@ -298,10 +269,6 @@ def _product(k: Key, m: Key) -> Key:
 
 def _ratio(k: Key, m: Key) -> Key:
     return (k[0] - m[0], k[1] - m[1], k[2] - m[2])
-
-
-def _quotient(a: Coefficient, b: Coefficient) -> Coefficient:
-    return interval(a) / interval(b) if isinstance(a, Interval) or isinstance(b, Interval) else _low(a / b)
 
 
 def _coefficient_power(c: Coefficient, exponent: Fraction) -> Coefficient:
@@ -336,18 +303,16 @@ def _cosh(v: Expansion) -> Expansion:
     return (v.exp() + (-v).exp()) * v.constant(Fraction(1, 2))
 
 
+def _is_positive(v: Expansion) -> bool:
+    """Whether v > 0, else v < 0, for all y >= Y."""
+    W = v.relative()
+    require_defined(W.lo > 0 or W.hi < 0, "a sign is not proved")
+    return bool(W.lo > 0)
+
+
 def _odd(f: Callable[[Expansion], Expansion]) -> Callable[[Expansion], Expansion]:
     """An odd function of a growing v, from its values for v > 0."""
-
-    def apply(v: Expansion) -> Expansion:
-        W = v.relative()
-        if W.lo > 0:
-            return f(v)
-        if W.hi < 0:
-            return -f(-v)
-        raise UndefinedError("a sign is not proved")
-
-    return apply
+    return lambda v: f(v) if _is_positive(v) else -f(-v)
 
 
 def _tanh(v: Expansion) -> Expansion:
@@ -378,16 +343,11 @@ def _arcsinh(v: Expansion) -> Expansion:
 
 def _softplus(v: Expansion) -> Expansion:
     """max(v, 0) + log1p(exp(-|v|))."""
-    W = v.relative()
-    if W.lo > 0:
-        return v + (-v).exp().bounded("log1p")
-    if W.hi < 0:
-        return v.exp().bounded("log1p")
-    raise UndefinedError("a sign is not proved")
+    return v + (-v).exp().bounded("log1p") if _is_positive(v) else v.exp().bounded("log1p")
 
 
 def _wave(v: Expansion) -> Expansion:
-    return v._with([(CONSTANT, Interval(arb(-1), arb(1)))])
+    return _within(v, -1, 1)
 
 
 def _refused(v: Expansion) -> Expansion:
@@ -424,6 +384,12 @@ def _relu(v: Expansion) -> Expansion:
     return v.constant(Fraction(0)) if (-v).is_nonnegative() else v.scaled(Interval(arb(0), arb(1)))
 
 
+def _step(v: Expansion, below: int) -> tuple[int, int]:
+    """Bounds of the derivative of what is below v for v < 0 and v for v > 0."""
+    least = 1 if v.is_nonnegative() else below
+    return least, below if (-v).is_nonnegative() and least < 1 else 1
+
+
 def _saturation_slope(v: Expansion) -> tuple[int, int]:
     """Bounds of the slope of sat: 1 inside [-1, 1], 0 outside."""
     one = v.constant(Fraction(1))
@@ -432,13 +398,18 @@ def _saturation_slope(v: Expansion) -> tuple[int, int]:
     return (1, 1) if (one - v).is_nonnegative() and (one + v).is_nonnegative() else (0, 1)
 
 
+def _within(v: Expansion, low: int, high: int) -> Expansion:
+    """An unknown number of an interval at each y, or the one that it holds."""
+    return v._with([(CONSTANT, fmpq(low) if low == high else Interval(arb(low), arb(high)))])
+
+
 def _sat(v: Expansion) -> Expansion:
     one = v.constant(Fraction(1))
     if (v - one).is_nonnegative():
         return one
     if (-v - one).is_nonnegative():
         return -one
-    return v if _saturation_slope(v) == (1, 1) else v._with([(CONSTANT, Interval(arb(-1), arb(1)))])
+    return v if _saturation_slope(v) == (1, 1) else _within(v, -1, 1)
 
 
 _BY_SIGN: dict[str, Callable[[Expansion], Expansion]] = {
@@ -446,5 +417,9 @@ _BY_SIGN: dict[str, Callable[[Expansion], Expansion]] = {
     "relu": _relu,
     "sat": _sat,
     "deadzone": lambda v: v - _sat(v),
+    "abs'": lambda v: _within(v, *_step(v, -1)),
+    "relu'": lambda v: _within(v, *_step(v, 0)),
+    "sat'": lambda v: _within(v, *_saturation_slope(v)),
+    "deadzone'": lambda v: _within(v, *(1 - slope for slope in _saturation_slope(v)[::-1])),
     "softsign": lambda v: v / (v.constant(Fraction(1)) + _abs(v)),
 }

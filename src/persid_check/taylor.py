@@ -1,40 +1,28 @@
 """Taylor coefficients of the smooth functions of the grammar: exact at 0, enclosed about a ball."""
 
-from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 from flint import arb, arb_series, ctx, fmpq, fmpq_series
 
-from persid_check.enclosure import PRECISION, Interval, UndefinedError, enclose, is_far
+from persid_check.enclosure import PRECISION, Interval, UndefinedError, enclose, is_far, require_defined
 
 Coefficient = fmpq | Interval
+Series = Any  # arb_series, of balls, or fmpq_series, of fractions
 
 ORDER = 9  # of Taylor's polynomials; the remainder has this power
+IRRATIONAL = ("erf", "erf'", "softplus")  # functions whose coefficients at 0 are not all rational
 
 
 @lru_cache(maxsize=64)
 def series(name: str) -> list[Coefficient]:
     """Taylor coefficients at 0, exact where they are rational, else at the checker's precision."""
-    x = fmpq_series([0, 1], prec=ORDER + 1)
-    one = fmpq_series([1], prec=ORDER + 1)
-    exact: dict[str, Callable[[], fmpq_series]] = {
-        "exp": x.exp,
-        "expm1": lambda: x.exp() - one,
-        "log1p": lambda: (one + x).log(),
-        "sin": x.sin,
-        "cos": x.cos,
-        "tan": x.tan,
-        "sinh": x.sinh,
-        "cosh": x.cosh,
-        "tanh": x.tanh,
-        "arcsinh": x.asinh,
-        "arctan": x.atan,
-    }
-    if name not in exact:
+    if name in IRRATIONAL:
         with ctx.workprec(PRECISION):
             return [enclose(c) for c in coefficients_about(name, arb(0), ORDER)]
     refuse_short_series()
-    found: list[Coefficient] = list(exact[name]().coeffs())
+    x = fmpq_series([0, 1], prec=ORDER + 1)
+    found: list[Coefficient] = list(power_series(name, x, fmpq(0), ORDER + 1).coeffs())
     return (found + [fmpq(0)] * ORDER)[:ORDER]
 
 
@@ -46,25 +34,23 @@ def coefficients_about(name: str, center: arb, count: int) -> list[arb]:
         expansion = power_series(name, x, center, count)
     except (ValueError, ZeroDivisionError) as error:
         raise UndefinedError(f"no series of {name} there: {error}") from None
-    if expansion.prec < count:
-        raise UndefinedError(f"a short series of {name}")
+    require_defined(expansion.prec >= count, f"a short series of {name}")
     return (list(expansion.coeffs()) + [arb(0)] * count)[:count]
 
 
 def refuse_short_series() -> None:
     """A series cut shorter than asked for would look like a polynomial."""
-    if ctx.cap < ORDER + 1:
-        raise UndefinedError("the library is set to shorter power series")
+    require_defined(ctx.cap > ORDER, "the library is set to shorter power series")
 
 
-def power_series(name: str, x: arb_series, center: arb, count: int) -> arb_series:
-    one = arb_series([1], prec=count)
-    if name in ("sin", "cos", "tan") and is_far(center):
-        raise UndefinedError(f"no series of {name} so far out")
+def power_series(name: str, x: Series, center: Any, count: int) -> Series:
+    """Return a function of a series x, which is center + ..., of numbers that are exact or of balls."""
+    one = type(x)([1], prec=count)
+    if name in ("sin", "cos", "tan"):
+        require_defined(not is_far(center), f"no series of {name} so far out")
     match name:
         case "exp" | "sin" | "cos" | "tan" | "erf":
-            found: arb_series = getattr(x, name)()
-            return found
+            return getattr(x, name)()
         case "expm1":
             return x.exp() - one
         case "log1p":
@@ -78,7 +64,7 @@ def power_series(name: str, x: arb_series, center: arb, count: int) -> arb_serie
         case "arctan":
             return x.atan()
         case "arcsinh":
-            return _primitive(center.asinh(), (one + x * x).rsqrt() * x.derivative())
+            return _primitive(center.asinh() if center else center, (one + x * x).rsqrt() * x.derivative())
         case "erf'":
             return (-(x * x)).exp() * (2 / arb.pi().sqrt())
         case "softplus":
@@ -86,6 +72,6 @@ def power_series(name: str, x: arb_series, center: arb, count: int) -> arb_serie
     raise UndefinedError(f"no series of {name}")
 
 
-def _primitive(start: arb, slope: arb_series) -> arb_series:
+def _primitive(start: Any, slope: Series) -> Series:
     rise = slope.integral()
-    return rise + arb_series([start], prec=rise.prec)
+    return rise + type(rise)([start], prec=rise.prec)

@@ -251,9 +251,9 @@ def test_a_pole_outside_the_interval_does_no_harm() -> None:
 def test_the_slope_at_a_kink_holds_both_sides(name: str, kink: int, low: int, high: int) -> None:
     """At a kink itself, and on any interval about it, the slope is the hull of both sides; beside it, one value."""
     about = [between(F(kink), F(kink)), between(F(kink) - F(1, 8), F(kink) + F(1, 8))]
-    assert [(part.slope(name).lo, part.slope(name).hi) for part in about] == [(low, high)] * 2
+    assert [(part.apply(f"{name}'").lo, part.apply(f"{name}'").hi) for part in about] == [(low, high)] * 2
     beside = [between(F(kink), F(kink) + F(1, 8)), between(F(kink) - F(1, 8), F(kink))]
-    slopes = [part.slope(name) for part in beside]
+    slopes = [part.apply(f"{name}'") for part in beside]
     assert all(slope.lo == slope.hi for slope in slopes)
     assert {int(float(slope.lo)) for slope in slopes} == {low, high}
 

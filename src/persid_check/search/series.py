@@ -67,10 +67,6 @@ class Series:
         except (ValueError, ZeroDivisionError):
             raise UndefinedError(f"no series of {name} there") from None
 
-    def slope(self, name: str) -> "Series":
-        """Not needed: a series is differentiated as a whole."""
-        raise UndefinedError(f"the slope of {name} has no series")
-
     def derivative(self) -> "Series":
         """Return the derivative; it has one coefficient less."""
         return Series(self.terms.derivative())
