@@ -57,6 +57,7 @@ class Horizon:
     """The half-line [Y, infinity), Y > 0, and the suprema of decaying monomials on it."""
 
     def __init__(self, Y: Fraction) -> None:
+        require_defined(Y > 0, "an end on the other side of 0")
         self.Y = fmpq(Y.numerator, Y.denominator)
         self._suprema: dict[Key, Interval] = {CONSTANT: constant(Fraction(1))}
 

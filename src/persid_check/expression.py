@@ -29,11 +29,9 @@ MAX_KNOTS = 64  # of all tables of an expression
 MAX_EXPONENT = 64
 SHOWN = 200  # characters of an expression in an error
 
-_TOKEN = re.compile(
-    r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/();:,]))", re.ASCII
-)
+_TOKEN = re.compile(r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|\*\*|[-+*/();:,])", re.ASCII)
 _BINARY = ("+", "-", "*", "/")
-_PRECEDENCE = {"+": 1, "-": 1, "*": 2, "/": 2, "neg": 3, "pos": 3, "**": 4}
+_PRECEDENCE = {"+": 1, "-": 1, "*": 2, "/": 2, "neg": 3}  # a power binds more tightly, and is written at once
 
 
 class ExpressionError(ValueError):
@@ -99,16 +97,6 @@ def _moved(a: Fraction | None, b: Fraction | None) -> list[Instruction]:
     return [x, *right, *left]
 
 
-def kinks(program: Program) -> tuple[Fraction, ...]:
-    """Return the numbers t of all relu(x - t) and relu(t - x) in a program: pieces had better end there."""
-    found = set()
-    for k in range(3, len(program)):
-        one, other, minus, hinge = program[k - 3 : k + 1]
-        if (minus.name, hinge.name) == ("-", "relu") and {one.name, other.name} == {"x", "number"}:
-            found.add(one.value if one.value is not None else other.value or Fraction(0))
-    return tuple(sorted(found))
-
-
 def work_of(program: Program) -> int:
     """Return the steps that one run of a program counts for: one for a sum or a kink, more for what takes longer."""
     return sum(_WORK.get(step.name, 1) for step in program)
@@ -120,15 +108,18 @@ def is_linear(program: Program) -> bool:
 
 
 def _tokens(text: str) -> list[tuple[int, str]]:
-    found, place = [], 0
-    end = len(text.rstrip())
+    found, place, end = [], 0, len(text.rstrip())
     while place < end:
         match = _TOKEN.match(text, place)
         if match is None:
             raise ExpressionError(f"unreadable at character {place + 1} of {text!r}")
-        found.append((match.start(match.lastindex or 0), match.group(match.lastindex or 0)))
+        found.append((match.start(1), match.group(1)))
         place = match.end()
     return found
+
+
+def _is_number(token: str) -> bool:
+    return token[:1].isdigit() or token[:1] == "."
 
 
 def _number(token: str) -> Fraction:
@@ -139,7 +130,10 @@ def _number(token: str) -> Fraction:
 
 
 class _Parser:
-    """Dijkstra's shunting yard: operators wait on a stack until one that binds less tightly comes."""
+    """Dijkstra's shunting yard: operators wait on a stack until one that binds less tightly comes.
+
+    What opens a parenthesis waits there, too, with the name of its function: "(", "tanh(".
+    """
 
     def __init__(self, text: str) -> None:
         longest = MAX_LENGTH_WITH_TABLES if "pwl" in text else MAX_LENGTH
@@ -153,61 +147,100 @@ class _Parser:
 
     def run(self) -> Program:
         operand_due = True
-        while self.place < len(self.tokens):
-            token = self.tokens[self.place][1]
+        while token := self._token():
             operand_due = self._operand(token) if operand_due else self._operator(token)
+            self.place += 1
         if operand_due:
             raise self._error("the expression ends where a value is due")
-        while self.waiting:
-            if self.waiting[-1] not in _PRECEDENCE:
-                raise self._error("a parenthesis is not closed")
-            self._emit()
+        self._emit()
+        if self.waiting:
+            raise self._error("a parenthesis is not closed")
         return tuple(self.output)
+
+    def _token(self, ahead: int = 0) -> str:
+        """Return the token at the place, or some places ahead; beyond the end there is none."""
+        place = self.place + ahead
+        return self.tokens[place][1] if place < len(self.tokens) else ""
 
     def _error(self, what: str) -> ExpressionError:
         where = self.tokens[self.place][0] + 1 if self.place < len(self.tokens) else len(self.text) + 1
         shown = self.text if len(self.text) <= SHOWN else f"{self.text[:SHOWN]}…"
         return ExpressionError(f"{what} (character {where} of {shown!r})")
 
-    def _emit(self) -> None:
-        name = self.waiting.pop()
-        if name != "pos":
-            self.output.append(Instruction(name))
+    def _emit(self, least: int = 1) -> None:
+        """Write the operators that wait and bind at least as tightly, as far as a parenthesis."""
+        while self.waiting and _PRECEDENCE.get(self.waiting[-1], 0) >= least:
+            self.output.append(Instruction(self.waiting.pop()))
 
     def _operand(self, token: str) -> bool:
         """Read a value or what may stand before one; tell whether a value is still due."""
-        if token in "+-(":
-            self.waiting.append({"+": "pos", "-": "neg", "(": "("}[token])
-        elif token in FUNCTIONS:
-            if self.place + 1 >= len(self.tokens) or self.tokens[self.place + 1][1] != "(":
-                raise self._error(f"{token} needs its argument in parentheses")
-            self.waiting.append(token)
-            self.waiting.append("(")
+        if token in FUNCTIONS and self._token(1) != "(":
+            raise self._error(f"{token} needs its argument in parentheses")
+        if token in FUNCTIONS:
             self.place += 1
+            self.waiting.append(f"{token}(")
+        elif token in "-(":
+            self.waiting.append("neg" if token == "-" else "(")
         elif token == "pwl":
             self.output += hinges(self._table())
         elif token == "x":
             self.output.append(Instruction("x"))
-        elif token[0].isdigit() or token[0] == ".":
+        elif _is_number(token):
             self.output.append(Instruction("number", _number(token)))
         elif token[0].isalpha() or token[0] == "_":
             raise self._error(f"unknown name {token!r}; known: x, {', '.join(sorted(FUNCTIONS))}, pwl")
-        else:
+        elif token != "+":  # which changes nothing before a value
             raise self._error(f"{token!r} where a value is due")
-        self.place += 1
         return token in "+-(" or token in FUNCTIONS
+
+    def _operator(self, token: str) -> bool:
+        """Read what may follow a value; tell whether a value is due."""
+        if token == ")":
+            self._close()
+        elif token == "**":
+            self.output.append(Instruction("**", self._exponent()))
+        elif token in _BINARY:
+            self._emit(_PRECEDENCE[token])
+            self.waiting.append(token)
+        else:
+            raise self._error("an operator is due")
+        return token in _BINARY
+
+    def _close(self) -> None:
+        self._emit()
+        if not self.waiting:
+            raise self._error("a parenthesis closes that was never opened")
+        if name := self.waiting.pop()[:-1]:
+            self.output.append(Instruction(name))
+
+    def _exponent(self) -> Fraction:
+        """Read the literal behind `**`; it applies at once, since nothing binds more tightly."""
+        value = self._literal(("-",), "an exponent is a number, an integer or a half-integer")
+        if value.denominator > 2 or abs(value) > MAX_EXPONENT:
+            token = self._token()
+            raise self._error(f"an exponent is an integer or a half-integer of at most {MAX_EXPONENT}, not {token}")
+        if self._token(1) == "**":
+            raise self._error("a power of a power needs parentheses")
+        return value
+
+    def _literal(self, signs: tuple[str, ...], due: str) -> Fraction:
+        """Read the next number, with or without a sign; the place is left at it."""
+        self.place += 1
+        sign = self._token()
+        self.place += sign in signs
+        if not _is_number(self._token()):
+            raise self._error(due)
+        return _number(self._token()) * (-1 if sign == "-" else 1)
 
     def _table(self) -> Table:
         """Read what follows `pwl`; the place is left at its closing parenthesis."""
         for due in ("(", "x", ";"):
             self._next(due)
-        points: list[tuple[Fraction, Fraction]] = []
-        while not points or self._following() == ",":
-            self.place += bool(points)
-            knot = self._signed()
-            self._next(":")
-            points.append((knot, self._signed()))
-            if len(points) > 1 and points[-2][0] >= knot:
+        points = [self._point()]
+        while self._token(1) == ",":
+            self.place += 1
+            points.append(self._point())
+            if points[-2][0] >= points[-1][0]:
                 raise self._error("the knots of a table rise: each one is larger than the one before")
         self._next(")")
         if len(points) < 2:
@@ -217,60 +250,13 @@ class _Parser:
             raise self._error(f"more than {MAX_KNOTS} knots in an expression; keep those where the slope changes")
         return self.tables[-1]
 
-    def _following(self) -> str:
-        return self.tokens[self.place + 1][1] if self.place + 1 < len(self.tokens) else ""
+    def _point(self) -> tuple[Fraction, Fraction]:
+        signs, due = ("-", "+"), "a number is due in a table, written pwl(x; knot: value, knot: value)"
+        knot = self._literal(signs, due)
+        self._next(":")
+        return knot, self._literal(signs, due)
 
     def _next(self, due: str) -> None:
-        found = self._following()
         self.place += 1
-        if found != due:
+        if self._token() != due:
             raise self._error(f"{due!r} is due in a table, written pwl(x; knot: value, knot: value)")
-
-    def _signed(self) -> Fraction:
-        """Read the next number, with or without a sign."""
-        sign = {"-": -1, "+": 1}.get(self._following(), 0)
-        self.place += 1 + bool(sign)
-        token = self.tokens[self.place][1] if self.place < len(self.tokens) else ""
-        if not token[:1].isdigit() and token[:1] != ".":
-            raise self._error("a number is due in a table, written pwl(x; knot: value, knot: value)")
-        return (sign or 1) * _number(token)
-
-    def _operator(self, token: str) -> bool:
-        """Read what may follow a value; tell whether a value is due."""
-        if token == ")":
-            self._close()
-        elif token == "**":
-            self.output.append(Instruction("**", self._exponent()))
-        elif token in _BINARY:
-            while self.waiting and _PRECEDENCE.get(self.waiting[-1], 0) >= _PRECEDENCE[token]:
-                self._emit()
-            self.waiting.append(token)
-        else:
-            raise self._error("an operator is due")
-        self.place += 1
-        return token in _BINARY
-
-    def _close(self) -> None:
-        while self.waiting and self.waiting[-1] != "(":
-            self._emit()
-        if not self.waiting:
-            raise self._error("a parenthesis closes that was never opened")
-        self.waiting.pop()
-        if self.waiting and self.waiting[-1] in FUNCTIONS:
-            self._emit()
-
-    def _exponent(self) -> Fraction:
-        """Read the literal behind `**`; it applies at once, since nothing binds more tightly."""
-        sign = 1
-        self.place += 1
-        if self.place < len(self.tokens) and self.tokens[self.place][1] == "-":
-            sign, self.place = -1, self.place + 1
-        token = self.tokens[self.place][1] if self.place < len(self.tokens) else ""
-        if not token[:1].isdigit() and token[:1] != ".":
-            raise self._error("an exponent is a number, an integer or a half-integer")
-        value = sign * _number(token)
-        if value.denominator > 2 or abs(value) > MAX_EXPONENT:
-            raise self._error(f"an exponent is an integer or a half-integer of at most {MAX_EXPONENT}, not {token}")
-        if self.place + 1 < len(self.tokens) and self.tokens[self.place + 1][1] == "**":
-            raise self._error("a power of a power needs parentheses")
-        return value

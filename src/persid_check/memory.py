@@ -7,11 +7,10 @@ one. So arguments are found by their text, whose hash Python salts in every proc
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from fractions import Fraction
-from functools import lru_cache, wraps
+from functools import lru_cache
 from types import MethodType
-from typing import ParamSpec, TypeVar
+from typing import TypeVar
 
-_Arguments = ParamSpec("_Arguments")
 _Answer = TypeVar("_Answer")
 
 
@@ -62,18 +61,3 @@ def answers(function: Callable[..., _Answer], most: int) -> Callable[[Question],
 
     _memories.append(found.cache_clear)
     return found
-
-
-def kept(most: int) -> Callable[[Callable[_Arguments, _Answer]], Callable[_Arguments, _Answer]]:
-    """Keep so many answers of a function of arguments by position, the last ones."""
-
-    def keep(function: Callable[_Arguments, _Answer]) -> Callable[_Arguments, _Answer]:
-        found = answers(function, most)
-
-        @wraps(function)
-        def run(*arguments: _Arguments.args, **_: _Arguments.kwargs) -> _Answer:
-            return found(Question.of(*arguments))
-
-        return run
-
-    return keep

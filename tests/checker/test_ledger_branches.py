@@ -198,3 +198,13 @@ def test_a_value_in_V_has_a_derivative_and_is_0_at_rest() -> None:
         answer = check(data(content))
         assert isinstance(answer, Rejected), reason
         assert reason in answer.why, answer
+
+
+@pytest.mark.parametrize("cuts", [(-2, -1), (1, 2), (0, 1), (-1, 0)])
+def test_products_are_asked_about_on_both_sides_of_zero(cuts: tuple[int, int]) -> None:
+    """Cuts that all lie on one side of 0 leave an end from which no half-line leads outward."""
+    line = ((parse("x"), ONE),)
+    assert Product(line, ((ONE, 0 * ONE), (ONE, 0 * ONE)), ONE).unproved((-ONE, ONE)) is None
+    assert "beyond" in str(
+        Product(line, ((ONE, 0 * ONE), (ONE, 0 * ONE)), ONE).unproved((cuts[0] * ONE, cuts[1] * ONE))
+    )

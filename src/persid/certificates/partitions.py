@@ -12,8 +12,8 @@ from itertools import pairwise
 
 from persid._dyadics import is_dyadic
 from persid_check.enclosure import UndefinedError, between, value
-from persid_check.expression import kinks
 from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, Product, variable
+from persid_check.search.side import kinks
 
 GERMS = tuple(Fraction(2) ** k for k in (20, 8, 6, 4, 3, 2, 1, 0, -1, -2, -3, -4, -6, -8, -12, -18, -24))
 TAILS = tuple(Fraction(2) ** k for k in (3, 5, 8, 12, 20))

@@ -5,11 +5,13 @@ Section 12 of the specification (docs/ledger.md): every coefficient of the form,
 
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
+from itertools import zip_longest
+from typing import Self
 
 from flint import fmpq
 
+from persid_check.enclosure import value
 from persid_check.exact import Matrix, Number, scattered
-from persid_check.expression import Program
 from persid_check.ledger.values import Ledger
 from persid_check.model import Channel, Model
 from persid_check.results import NotProvedError, require
@@ -72,7 +74,8 @@ def polynomial(model: Model, channel: Channel, point: Sequence[Fraction] | None)
         NotProvedError: its function is no polynomial, or too large a one.
     """
     spend(len(channel.row) + 1)
-    coefficients = _coefficients(channel.program)
+    spend(2 * sum(step.name == "x" for step in channel.program) - 2)  # y counts wherever it is read
+    coefficients = value(channel.program, _Powers([fmpq(0), fmpq(1)])).coefficients
     y: Polynomial = {(k,): _exact(r) for k, r in channel.row.items() if r}
     if point is not None:
         at = sum((r * (point[k] - model.x_ref[k]) for k, r in channel.row.items()), Fraction(0))
@@ -122,62 +125,53 @@ def _bits(values: Iterable[fmpq]) -> int:
     return max((int(abs(v.p)).bit_length() + int(v.q).bit_length() for v in values), default=0)
 
 
-def _coefficients(program: Program) -> Coefficients:
-    """Return the coefficients of a program that is a polynomial."""
-    stack: list[Coefficients] = []
-    for step in program:
-        if step.name == "number" and step.value is not None:
-            found = [_exact(step.value)]
-        elif step.name == "x":
-            found = [fmpq(0), fmpq(1)]
-        elif step.name == "neg":
-            found = [-v for v in stack.pop()]
-        elif step.name == "**":
-            found = _power(stack.pop(), step.value or Fraction(0))
-        elif step.name in ("+", "-", "*", "/"):
-            second, first = stack.pop(), stack.pop()
-            found = _combined(step.name, first, second)
-        else:
-            raise NotProvedError(WHERE, f"a channel's function is not a polynomial: {step.name}")
-        stack.append(_short(found))
-    return stack.pop()
+class _Powers:
+    """A polynomial c_0 + c_1 y + ... of short numbers and no high degree, or refused; zeros at the end are cut."""
 
+    def __init__(self, coefficients: Coefficients) -> None:
+        spend(len(coefficients))
+        while len(coefficients) > 1 and coefficients[-1] == 0:
+            coefficients = coefficients[:-1]
+        short = len(coefficients) <= MAX_DEGREE + 1 and _bits(coefficients) <= MAX_BITS
+        require(short, WHERE, f"a channel's degree is more than {MAX_DEGREE}, or its coefficients are too long")
+        self.coefficients = coefficients
 
-def _combined(name: str, first: Coefficients, second: Coefficients) -> Coefficients:
-    if name == "*":
-        return _product(first, second)
-    if name == "/":
-        if len(second) > 1 or second[0] == 0:
-            raise NotProvedError(WHERE, "a channel's function is not a polynomial: it divides by one, or by 0")
-        return [v / second[0] for v in first]
-    size = max(len(first), len(second))
-    a, b = (each + [fmpq(0)] * (size - len(each)) for each in (first, second))
-    return [v + w if name == "+" else v - w for v, w in zip(a, b, strict=True)]
+    def constant(self, value: Fraction) -> "_Powers":
+        return _Powers([_exact(value)])
 
+    def __add__(self, other: Self) -> "_Powers":
+        pairs = zip_longest(self.coefficients, other.coefficients, fillvalue=fmpq(0))
+        return _Powers([v + w for v, w in pairs])
 
-def _power(base: Coefficients, exponent: Fraction) -> Coefficients:
-    if exponent.denominator != 1 or exponent < 1:
-        raise NotProvedError(WHERE, "a channel's function is not a polynomial: a power of it is not 1, 2, 3, ...")
-    total = base
-    for _ in range(int(exponent) - 1):
-        total = _short(_product(total, base))
-    return total
+    def __neg__(self) -> "_Powers":
+        return _Powers([-v for v in self.coefficients])
 
+    def __sub__(self, other: Self) -> "_Powers":
+        pairs = zip_longest(self.coefficients, other.coefficients, fillvalue=fmpq(0))
+        return _Powers([v - w for v, w in pairs])
 
-def _product(a: Coefficients, b: Coefficients) -> Coefficients:
-    spend(len(a) * len(b) * (1 + (_bits(a) + _bits(b)) // BITS_A_STEP))
-    total = [fmpq(0)] * (len(a) + len(b) - 1)
-    for i, v in enumerate(a):
-        for j, w in enumerate(b):
-            total[i + j] += v * w
-    return total
+    def __mul__(self, other: Self) -> "_Powers":
+        a, b = self.coefficients, other.coefficients
+        spend(len(a) * len(b) * (1 + (_bits(a) + _bits(b)) // BITS_A_STEP))
+        total = [fmpq(0)] * (len(a) + len(b) - 1)
+        for i, v in enumerate(a):
+            for j, w in enumerate(b):
+                total[i + j] += v * w
+        return _Powers(total)
 
+    def __truediv__(self, other: Self) -> "_Powers":
+        divisor = other.coefficients
+        constant = len(divisor) == 1 and divisor[0] != 0
+        require(constant, WHERE, "a channel's function is not a polynomial: it divides by one, or by 0")
+        return _Powers([v / divisor[0] for v in self.coefficients])
 
-def _short(found: Coefficients) -> Coefficients:
-    """Refuse what has too high a degree or too long numbers; zeros at the end are cut."""
-    spend(len(found))
-    while len(found) > 1 and found[-1] == 0:
-        found = found[:-1]
-    if len(found) > MAX_DEGREE + 1 or _bits(found) > MAX_BITS:
-        raise NotProvedError(WHERE, f"a channel's degree is more than {MAX_DEGREE}, or its coefficients are too long")
-    return found
+    def power(self, exponent: Fraction) -> "_Powers":
+        natural = exponent.denominator == 1 and exponent >= 1
+        require(natural, WHERE, "a channel's function is not a polynomial: a power of it is not 1, 2, 3, ...")
+        total = self
+        for _ in range(int(exponent) - 1):
+            total = total * self
+        return _Powers(total.coefficients)
+
+    def apply(self, name: str) -> "_Powers":
+        raise NotProvedError(WHERE, f"a channel's function is not a polynomial: {name}")

@@ -4,13 +4,13 @@ A lemma is about raw g(y) = l'phi(y), phi(y) = (y, f_1(a_1 y), ...), seen from a
 in an interval. Its *quantity* q(y) must be >= 0 on every piece; which one, its kind says (specification, section 2).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from flint import ctx, fmpq
 
@@ -73,22 +73,15 @@ class Lemma:
             return "the cuts do not hold 0 and the centre inside"
         if self.kind in SUMMED:
             return self._added_up(cuts, domain)
-        for a, b in pairwise(cuts):
-            if not self.holds_on(a, b):
-                return f"on the piece from {_shown(a)} to {_shown(b)}"
-        return None if domain is not None else self._unproved_ends(cuts)
-
-    def _unproved_ends(self, cuts: Cuts) -> str | None:
-        ends = ((cuts[0], -1), (cuts[-1], 1))
-        return next((f"beyond {_shown(t)}" for t, sign in ends if not self.holds_beyond(abs(t), sign)), None)
+        return _first_unproved(self, pairwise(cuts), _ends(cuts, domain))
 
     def _added_up(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
         """The gap is the allowance at the centre and rises by at least q times the width, outward on both sides."""
         low, high = self._star
         pieces = list(pairwise(cuts))
-        for a, b in pieces:
-            if a < high and b > low and not self.holds_on(a, b):  # the germ: the gap does not fall there
-                return f"on the piece from {_shown(a)} to {_shown(b)}"
+        germ = ((a, b) for a, b in pieces if a < high and b > low)  # the gap does not fall there
+        if reason := _first_unproved(self, germ):
+            return reason
         for side in ([p for p in pieces if p[0] >= high], [p for p in pieces[::-1] if p[1] <= low]):
             gap = constant(self.allowance)
             for a, b in side:
@@ -96,7 +89,7 @@ class Lemma:
                 gap = gap if least is None else gap + constant(b - a) * least
                 if least is None or not gap.lo >= 0:
                     return f"the sum over the piece from {_shown(a)} to {_shown(b)}"
-        return None if domain is not None else self._unproved_ends(cuts)
+        return _first_unproved(self, (), _ends(cuts, domain))
 
     def _least_on(self, a: Fraction, b: Fraction) -> Interval | None:
         """Return a lower bound of q on a piece on one side of the centre, 0 where no better one is known."""
@@ -212,6 +205,21 @@ class Lemma:
             return False
 
 
+def _ends(cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> Sequence[tuple[Fraction, int]]:
+    """Return where the cuts end, each end with its sign; on a domain nothing is asked beyond."""
+    return () if domain is not None else ((cuts[0], -1), (cuts[-1], 1))
+
+
+def _first_unproved(
+    statement: "Lemma | Product", pieces: Iterable[tuple[Fraction, Fraction]], ends: Iterable[tuple[Fraction, int]] = ()
+) -> str | None:
+    """Return the first piece on which, or end beyond which, a statement is not proved; None where it is on all."""
+    for a, b in pieces:
+        if not statement.holds_on(a, b):
+            return f"on the piece from {_shown(a)} to {_shown(b)}"
+    return next((f"beyond {_shown(t)}" for t, sign in ends if not statement.holds_beyond(sign * t, sign)), None)
+
+
 @partial(remembered, most=LEMMAS)
 def _unproved(lemma: Lemma, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
     """The files of a model share lemmas: each is proved once, and counts for every file as if it were proved anew."""
@@ -267,14 +275,7 @@ class Product:
 
     def unproved(self, cuts: Cuts) -> str | None:
         """Return where it is not proved."""
-        for a, b in pairwise(cuts):
-            if not self.holds_on(a, b):
-                return f"on the piece from {_shown(a)} to {_shown(b)}"
-        ends = ((cuts[0], -1), (cuts[-1], 1))
-        return next(
-            (f"beyond {_shown(t)}" for t, sign in ends if not (sign * t > 0 and self.holds_beyond(abs(t), sign))),
-            None,
-        )
+        return _first_unproved(self, pairwise(cuts), _ends(cuts, None))
 
     def holds_on(self, a: Fraction, b: Fraction) -> bool:
         """Whether interval arithmetic, or the mean value form, proves it on [a, b]."""
@@ -316,7 +317,7 @@ def discontinuous(
             spend(work_of(program))
             if not _runs(program, alpha, between(a, b), lipschitz):
                 return f"on the piece from {_shown(a)} to {_shown(b)}"
-        for end, sign in () if ends is not None else ((cuts[0], -1), (cuts[-1], 1)):
+        for end, sign in _ends(cuts, ends):
             if not _runs(program, alpha, variable(abs(end), sign, inverse=False), lipschitz):
                 return f"beyond {_shown(end)}"
     return None
@@ -333,39 +334,38 @@ def _runs(program: Program, alpha: Fraction, y: E, lipschitz: bool) -> bool:
 
 def is_odd(functions: Functions) -> bool:
     """Whether every function is odd by its form: f(-y) = -f(y)."""
-    return all(_parity(program) == 1 for program, _ in functions)
+    return all(value(program, _Parity(1)).of == 1 for program, _ in functions)
 
 
 _ODD = frozenset(["sin", "tan", "sinh", "tanh", "arcsinh", "arctan", "erf", "softsign", "deadzone", "sat"])
 _EVEN = frozenset(["cos", "cosh", "abs"])
 
 
-def _parity(program: Program) -> int | None:
-    """1 for an odd program, 0 for an even one, None where its form does not tell."""
-    stack: list[int | None] = []
-    for step in program:
-        if step.name in ("x", "number"):
-            stack.append(1 if step.name == "x" else 0)
-        elif step.name in ("+", "-", "*", "/"):
-            b, a = stack.pop(), stack.pop()
-            stack.append(_joined(step.name, a, b))
-        elif step.name != "neg":
-            stack.append(_applied(step.name, step.value, stack.pop()))
-    return stack[-1]
+class _Parity:
+    """1 for an odd function, 0 for an even one, None where its form does not tell."""
 
+    def __init__(self, of: int | None) -> None:
+        self.of = of
 
-def _joined(name: str, a: int | None, b: int | None) -> int | None:
-    if a is None or b is None:
-        return None
-    return (a + b) % 2 if name in "*/" else a if a == b else None
+    def __add__(self, other: Self) -> "_Parity":
+        return _Parity(self.of if self.of == other.of else None)
 
+    def __mul__(self, other: Self) -> "_Parity":
+        return _Parity(None if self.of is None or other.of is None else (self.of + other.of) % 2)
 
-def _applied(name: str, exponent: Fraction | None, a: int | None) -> int | None:
-    if a == 0 or a is None:
-        return a
-    if name == "**":
-        return None if exponent is None or exponent.denominator != 1 else exponent.numerator % 2
-    return 1 if name in _ODD else 0 if name in _EVEN else None
+    def __neg__(self) -> Self:
+        return self
+
+    def constant(self, _: Fraction) -> "_Parity":
+        return _Parity(0)
+
+    def power(self, exponent: Fraction) -> "_Parity":
+        return _Parity(self.of and (exponent.numerator % 2 if exponent.denominator == 1 else None))
+
+    def apply(self, name: str) -> "_Parity":
+        return _Parity(self.of and (1 if name in _ODD else 0 if name in _EVEN else None))
+
+    __sub__, __truediv__ = __add__, __mul__
 
 
 def _shown(t: Fraction) -> str:

@@ -17,7 +17,7 @@ from flint import ctx, fmpq
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
-from persid_check.memory import kept
+from persid_check.memory import Question, answers
 from persid_check.search.side import (
     BUDGET,
     FINEST,
@@ -158,10 +158,12 @@ def prove_integral_lower(
     return _integral(curve, form, domain, shift, _lemma(False, d))
 
 
-@kept(4096)
 def _lemma(upper: bool, c: Fraction) -> Integral:
     """One object for one lemma, so that its proofs are found again."""
-    return Integral(upper, c)
+    return _integrals(Question.of(upper, c))
+
+
+_integrals = answers(Integral, 4096)
 
 
 def _integral(curve: Curve, form: Form, domain: Domain, shift: Shift, integral: Integral) -> bool:

@@ -11,7 +11,7 @@ from flint import arb, fmpq
 
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, Expansion, Horizon
-from persid_check.expression import Program, kinks, work_of
+from persid_check.expression import Program, work_of
 from persid_check.search.series import LOCAL, Series, least, somewhere, variable
 from persid_check.work import remembered, spend
 
@@ -295,3 +295,13 @@ def _cut(start: Fraction, last: Fraction, kinks: Sequence[Fraction]) -> list[tup
     if start == 0:
         cuts = [c for c in cuts if c == 0 or c >= min(last, Fraction(1, 4))]
     return list(pairwise(sorted({*cuts, *(t for t in kinks if start < t < last)})))[::-1]
+
+
+def kinks(program: Program) -> tuple[Fraction, ...]:
+    """Return the numbers t of all relu(x - t) and relu(t - x) in a program: pieces had better end there."""
+    found = set()
+    for k in range(3, len(program)):
+        one, other, minus, hinge = program[k - 3 : k + 1]
+        if (minus.name, hinge.name) == ("-", "relu") and {one.name, other.name} == {"x", "number"}:
+            found.add(one.value if one.value is not None else other.value or Fraction(0))
+    return tuple(sorted(found))
