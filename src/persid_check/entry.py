@@ -41,6 +41,11 @@ class Entry:
         """Raise FormatError with the place."""
         raise FormatError(self.where or "file", why)
 
+    def require(self, holds: object, why: str) -> None:
+        """Raise FormatError with the place unless something holds."""
+        if not holds:
+            self.refuse(why)
+
     def fields(self, known: Sequence[str], optional: Sequence[str] = ()) -> "dict[str, Entry]":
         """Return the fields of an object: all that are known, of optional ones those it has, and no other."""
         if not isinstance(self.value, Mapping):
@@ -56,8 +61,7 @@ class Entry:
     def items(self, size: int | None = None, longest: int | None = None) -> "list[Entry]":
         """Return the items of a list, of a given length where one is given, or of so many at most."""
         listed = self._listed(size)
-        if longest is not None and len(listed) > longest:
-            self.refuse(f"at most {longest} are read")
+        self.require(longest is None or len(listed) <= longest, f"at most {longest} are read")
         return [Entry(value, i, self) for i, value in enumerate(listed)]
 
     def _listed(self, size: int | None) -> list[Any]:
@@ -67,29 +71,26 @@ class Entry:
 
     def text(self, longest: int) -> str:
         """Return a text that is not too long."""
-        if not isinstance(self.value, str) or len(self.value) > longest:
-            self.refuse(f"text of at most {longest} characters is needed")
-        return self.value
+        short = isinstance(self.value, str) and len(self.value) <= longest
+        self.require(short, f"text of at most {longest} characters is needed")
+        return str(self.value)
 
     def one_of(self, known: Sequence[str]) -> str:
         """Return one of some words."""
-        if not isinstance(self.value, str) or self.value not in known:
-            self.refuse(f"one of {', '.join(known)} is needed")
-        return self.value
+        self.require(isinstance(self.value, str) and self.value in known, f"one of {', '.join(known)} is needed")
+        return str(self.value)
 
     def names(self) -> list[str]:
         """Return names, each once."""
         names = [each.value for each in self.items()]
-        if not all(isinstance(name, str) and 0 < len(name) <= 200 and name.isprintable() for name in names):
-            self.refuse("names are printable texts of 1 to 200 characters")
-        if len(set(names)) != len(names):
-            self.refuse("names are different")
+        printable = all(isinstance(name, str) and 0 < len(name) <= 200 and name.isprintable() for name in names)
+        self.require(printable, "names are printable texts of 1 to 200 characters")
+        self.require(len(set(names)) == len(names), "names are different")
         return names
 
     def program(self) -> Program:
         """Return what an expression means."""
-        if not isinstance(self.value, str) or not self.value.isprintable():
-            self.refuse("an expression is printable text")
+        self.require(isinstance(self.value, str) and self.value.isprintable(), "an expression is printable text")
         try:
             return parse(self.value)
         except ExpressionError as error:
@@ -131,8 +132,7 @@ class Entry:
     def indices(self, size: int) -> tuple[int, ...]:
         """Return indices, each once."""
         found = tuple(each.index(size) for each in self.items())
-        if len(set(found)) != len(found):
-            self.refuse("an entry stands twice")
+        self.require(len(set(found)) == len(found), "an entry stands twice")
         return found
 
     def exponent(self) -> int:
@@ -151,8 +151,7 @@ class Entry:
     def nonnegative(self) -> Fraction:
         """Return a dyadic that is at least 0."""
         number = self.dyadic()
-        if number < 0:
-            self.refuse("a number that is not negative is needed")
+        self.require(number >= 0, "a number that is not negative is needed")
         return number
 
     def dyadics(self, size: int | None = None) -> tuple[Fraction, ...]:
@@ -165,8 +164,7 @@ class Entry:
         last = -1
         for pair in self.items():
             at, number = pair.items(2)
-            if at.index(size) <= last:
-                pair.refuse("indices rise")
+            pair.require(at.index(size) > last, "indices rise")
             last, found[at.value] = at.value, number.dyadic()
         return {i: value for i, value in found.items() if value}
 

@@ -5,15 +5,7 @@ from fractions import Fraction
 
 from flint import arb, arb_mat
 
-from persid_check.enclosure import (
-    Interval,
-    UndefinedError,
-    between,
-    constant,
-    enclose,
-    value,
-    value_and_slope,
-)
+from persid_check.enclosure import Interval, UndefinedError, between, constant, enclose, value, value_and_slope
 from persid_check.expression import work_of
 from persid_check.model import Model
 from persid_check.work import spend

@@ -3,7 +3,7 @@
 Small ones are FLINT's, large ones digits in NumPy's arrays, where NumPy is at hand (specification: "Large matrices").
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -221,6 +221,12 @@ def scattered(height: int, width: int, entries: Entries) -> Matrix:
     return Matrix(found, column.exponent)
 
 
+def mirrored(lower: Mapping[tuple[int, int], Fraction]) -> list[tuple[int, int, Fraction]]:
+    """Return all entries of a symmetric matrix, of those on and below its diagonal."""
+    entries = [(i, j, value) for (i, j), value in lower.items()]
+    return entries + [(j, i, value) for i, j, value in entries if i != j]
+
+
 def blocks(parts: Sequence[Sequence[Matrix]]) -> Matrix:
     """Return the matrix of blocks."""
     exponent = max(part.exponent for row in parts for part in row)
@@ -236,6 +242,12 @@ def blocks(parts: Sequence[Sequence[Matrix]]) -> Matrix:
             for line in lines:
                 flat.extend(line)
     return Matrix(fmpz_mat(height, width, flat), exponent)
+
+
+def beside(first: Matrix, second: Matrix) -> Matrix:
+    """Return the matrix of two blocks on the diagonal."""
+    above, below = zeros(first.height, second.width), zeros(second.height, first.width)
+    return blocks([[first, above], [below, second]])
 
 
 def diagonal(values: Sequence[Number]) -> Matrix:

@@ -99,12 +99,11 @@ def read_model(entry: Entry, *, discrete: bool = False, algebraic: bool = False)
         FormatError: anything is not as specified; the message names the place.
     """
     given = entry.fields(FIELDS, (*CLOCK, ALGEBRAIC))
-    if given["format"].value != FORMAT:
-        given["format"].refuse(f'"{FORMAT}" is needed')
+    given["format"].require(given["format"].value == FORMAT, f'"{FORMAT}" is needed')
     names, inputs, dt = _variables(given), given["inputs"].names(), _step(given)
     n, m, order = len(names), len(inputs), len(given["states"].value)
-    if not order or n > MAX_STATES or m > MAX_STATES:
-        given["states"].refuse(f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
+    few = order > 0 and n <= MAX_STATES and m <= MAX_STATES
+    given["states"].require(few, f"1 to {MAX_STATES} states and at most {MAX_STATES} inputs are read")
     if order < n and not algebraic:
         given[ALGEBRAIC].refuse("nothing of this kind is proved of a model with algebraic variables")
     if dt is not None and not discrete:
@@ -132,11 +131,10 @@ def _variables(given: Mapping[str, Entry]) -> list[str]:
     names = given["states"].names()
     if ALGEBRAIC not in given:
         return names
-    if not given[ALGEBRAIC].names():
-        given[ALGEBRAIC].refuse("at least one name is needed; without equations the field is left out")
-    if "time" in given or "dt" in given:
-        given[ALGEBRAIC].refuse("a model with algebraic variables is in continuous time")
-    return Entry([*names, *given[ALGEBRAIC].value], "model.algebraic").names()
+    added = given[ALGEBRAIC]
+    added.require(added.names(), "at least one name is needed; without equations the field is left out")
+    added.require(given.keys().isdisjoint(CLOCK), "a model with algebraic variables is in continuous time")
+    return Entry([*names, *added.value], "model.algebraic").names()
 
 
 def _step(given: Mapping[str, Entry]) -> Fraction | None:
@@ -144,16 +142,15 @@ def _step(given: Mapping[str, Entry]) -> Fraction | None:
     stated = [given[name] for name in CLOCK if name in given]
     if not stated:
         return None
-    if len(stated) < 2 or stated[0].value != "discrete":
-        stated[0].refuse('"discrete" with a step dt, or neither, is needed')
+    discrete = len(stated) == 2 and stated[0].value == "discrete"
+    stated[0].require(discrete, '"discrete" with a step dt, or neither, is needed')
     dt = stated[1].binary64()
     return Fraction(dt) if dt > 0 else stated[1].refuse("a step in s is positive")
 
 
 def _channels(terms: Entry, n: int) -> Iterator[Channel]:
     listed = [term.fields(("f", "R", "A")) for term in terms.items(longest=MAX_CHANNELS)]
-    if sum(_count(term, n) for term in listed) > MAX_CHANNELS:
-        terms.refuse(f"more than {MAX_CHANNELS} channels")
+    terms.require(sum(_count(term, n) for term in listed) <= MAX_CHANNELS, f"more than {MAX_CHANNELS} channels")
     for term in listed:
         yield from _of_term(term, n)
 
@@ -174,8 +171,7 @@ def _of_term(term: Mapping[str, Entry], n: int) -> Iterator[Channel]:
     for text in texts:
         if not isinstance(text.value, str) or text.value not in programs:
             programs[text.value] = text.program()
-    if not isinstance(f.value, str) and len(programs) < 2:
-        f.refuse("one text stands where all are the same")
+    f.require(isinstance(f.value, str) or len(programs) > 1, "one text stands where all are the same")
     columns = zip(*term["A"].matrix(n, k), strict=True)
     for text, row, column in zip(texts, rows, columns, strict=True):
         yield Channel(text.value, programs[text.value], row, column)

@@ -35,8 +35,7 @@ def read_outputs(block: Mapping[str, Entry], n: int, m: int) -> Outputs:
     """
     names, maps = block["outputs"].names(), block["output_map"]
     count = len(names)
-    if not 1 <= count <= MAX_OUTPUTS:
-        block["outputs"].refuse(f"1 to {MAX_OUTPUTS} outputs are read")
+    block["outputs"].require(1 <= count <= MAX_OUTPUTS, f"1 to {MAX_OUTPUTS} outputs are read")
     C, D = (tuple(tuple(map(Fraction, row)) for row in block[k].matrix(count, w)) for k, w in (("C", n), ("D", m)))
     block["d"].vector(count)
     programs = None if maps.value is None else tuple(each.program() for each in maps.items(count))

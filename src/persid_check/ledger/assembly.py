@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.entry import Lower
-from persid_check.exact import Matrix, Number, blocks, diagonal, matrix, scattered, zeros
+from persid_check.exact import Matrix, Number, beside, blocks, diagonal, matrix, mirrored, scattered, zeros
 from persid_check.ledger.identities import form_of_identity
 from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.results import NotProvedError
@@ -79,7 +79,7 @@ def _rise(gradient: Matrix, ledger: Ledger, flow: Matrix) -> Matrix:
     order, k = ledger.model.order, len(ledger.inside)
     flow = flow if order == ledger.model.n else flow.kept(range(order), range(flow.width))
     size = flow.width + k
-    half = gradient * blocks([[flow, zeros(order, k)], [zeros(k, flow.width), diagonal([1] * k)]])
+    half = gradient * beside(flow, diagonal([1] * k))
     half = blocks([[half], [zeros(size - half.height, size)]])
     return half + half.T
 
@@ -235,17 +235,10 @@ def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width:
     used = sorted({i for place in eta for i in place if i < first})
     spend(len(eta) + len(used) * width)
     at, rows = {p: k for k, p in enumerate(used)}, [rows[p] for p in used]
-    yy: Entries = []
-    sy: Entries = []
-    ss: Entries = []
-    for (i, j), value in eta.items():
-        if i < first:
-            yy += [(at[i], at[j], value)] if i == j else [(at[i], at[j], value), (at[j], at[i], value)]
-        elif j < first:
-            sy.append((i - first, at[j], value))
-        else:
-            i, j = i - first, j - first
-            ss += [(i, j, value)] if i == j else [(i, j, value), (j, i, value)]
+    entries = mirrored(eta)
+    yy = [(at[i], at[j], value) for i, j, value in entries if i < first and j < first]
+    sy = [(i - first, at[j], value) for i, j, value in entries if j < first <= i]
+    ss = [(i - first, j - first, value) for i, j, value in entries if first <= i and first <= j]
     side = _times_rows(rows, width, sy, channels)
     head = _dense(rows, width).T * _times_rows(rows, width, yy, len(rows))
     return blocks([[head, side.T], [side, scattered(channels, channels, ss)]])
@@ -253,27 +246,16 @@ def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width:
 
 def padded(part: Matrix, size: int) -> Matrix:
     """Return a leading block in a matrix of zeros."""
-    side = zeros(part.height, size - part.height)
-    return blocks([[part, side], [side.T, zeros(side.width, side.width)]])
+    return beside(part, zeros(size - part.height, size - part.height))
 
 
 def _bounds(ledger: Ledger, gamma: Matrix, size: int) -> Matrix:
     """Return the form v'Gamma v + sum s_j (|w_j|^2 - |C_j zeta_0|^2)."""
-    own = ledger.entries
-    inside = own + ledger.inputs
-    known: dict[tuple[int, int], Fraction] = {}
-    for deviation in ledger.deviations:
-        for row in deviation.C:
-            spend(len(row) ** 2)
-            for i, a in row.items():
-                for j, b in row.items():
-                    known[i, j] = known.get((i, j), _ZERO) - deviation.s * a * b
-    lines = [(*place, value) for place, value in known.items()]
+    own, inside = ledger.entries, ledger.entries + ledger.inputs
+    known = _over_eta((row, row, -deviation.s / 2) for deviation in ledger.deviations for row in deviation.C)
     squares = diagonal([deviation.s for deviation in ledger.deviations for _ in deviation.columns])
-    side = zeros(own, ledger.inputs)
-    corner = blocks([[zeros(own, own), side], [side.T, gamma]]) + scattered(inside, inside, lines)
-    side = zeros(inside, squares.width)
-    return padded(blocks([[corner, side], [side.T, squares]]), size)
+    corner = beside(zeros(own, own), gamma) + scattered(inside, inside, mirrored(known))
+    return padded(beside(corner, squares), size)
 
 
 def _curvatures(ledger: Ledger) -> Iterator[Weighted]:

@@ -58,10 +58,10 @@ def read_ledger(data: Mapping[str, object], arrays: "Arrays | None" = None) -> L
     stated = data.get("model")
     equations = isinstance(stated, dict) and ALGEBRAIC in stated
     given = Entry(data).fields((*FIELDS, *[ALGEBRAIC] * equations), [COMPANION] * (not equations))
-    if given["format"].value != FORMAT:
-        given["format"].refuse(f'"{FORMAT}" is needed')
-    if equations and (given["outputs"].value != [] or given["deviations"].value != []):
-        given[ALGEBRAIC].refuse("a model with algebraic variables has no outputs and no deviations here")
+    given["format"].require(given["format"].value == FORMAT, f'"{FORMAT}" is needed')
+    if equations:
+        none = given["outputs"].value == given["deviations"].value == []
+        given[ALGEBRAIC].require(none, "a model with algebraic variables has no outputs and no deviations here")
     claim = given["claim"].one_of(CLAIMS)
     given["statement"].text(5000)
     form: Any = _filled(stated, arrays) if arrays else stated
@@ -108,16 +108,15 @@ def _inside(P: Entry, count: int) -> tuple[Entry, tuple[int, ...]]:
         return P, ()
     channels = P.fields(("lower", "channels"))["channels"]
     inside = tuple(each.index(count) for each in channels.items())
-    if not inside or any(a >= b for a, b in pairwise(inside)):
-        channels.refuse("channels rise, and there is one at least")
+    rise = inside and all(a < b for a, b in pairwise(inside))
+    channels.require(rise, "channels rise, and there is one at least")
     return Entry({"lower": P.value["lower"]}, "P"), inside
 
 
 def _cuts(entry: Entry) -> Cuts:
     exponent, listed = entry.items(2)
     cuts = [m.integer(MAX_BITS) for m in listed.items()]
-    if not cuts or any(a >= b for a, b in pairwise(cuts)):
-        entry.refuse("cuts rise, and there is one at least")
+    entry.require(cuts and all(a < b for a, b in pairwise(cuts)), "cuts rise, and there is one at least")
     return positions(cuts, exponent.exponent())
 
 
@@ -135,8 +134,7 @@ def _function(entry: Entry) -> tuple[Program, Fraction]:
     text, factor = entry.items(2)
     text.text(MAX_LENGTH_WITH_TABLES)
     alpha = factor.dyadic()
-    if alpha <= 0:
-        factor.refuse("a factor is positive")
+    factor.require(alpha > 0, "a factor is positive")
     return text.program(), alpha
 
 
@@ -156,8 +154,7 @@ def _form(entry: Entry, size: int, count: int) -> Form:
     given = entry.fields(("l", "is", "cuts", "offset", "upper", "lower"))
     kind, offset = given["is"].one_of(KINDS), given["offset"].nonnegative()
     upper, lower = given["upper"], given["lower"]
-    if offset and kind != "offset":
-        given["offset"].refuse("only an offset form has one")
+    given["offset"].require(not offset or kind == "offset", "only an offset form has one")
     return Form(
         given["l"].dyadics(size),
         kind,
@@ -197,8 +194,8 @@ def _identity(entry: Entry, entries: int) -> tuple[tuple[int, int, Fraction], ..
     """Return (i, j, sigma), i >= j, each place once at most."""
     listed = [each.items(3) for each in entry.items()]
     found = tuple((i.index(entries), j.index(entries), sigma.dyadic()) for i, j, sigma in listed)
-    if any(j > i for i, j, _ in found) or any(a[:2] >= b[:2] for a, b in pairwise(found)):
-        entry.refuse("places (i, j) with i >= j rise")
+    rise = all(i >= j for i, j, _ in found) and all(a[:2] < b[:2] for a, b in pairwise(found))
+    entry.require(rise, "places (i, j) with i >= j rise")
     return found
 
 
@@ -284,8 +281,8 @@ def _outputs(entry: Entry, form: Mapping[str, object], model: Model) -> Outputs:
 
 
 def _maps(programs: Sequence[Program] | None, bounds: Entry, count: int) -> Sequence[Map | None]:
-    if (programs is None) != (bounds.value is None):
-        bounds.refuse("null without output_map, else a bound with cuts for each output")
+    fits = (programs is None) == (bounds.value is None)
+    bounds.require(fits, "null without output_map, else a bound with cuts for each output")
     if programs is None:
         return [None] * count
     pairs = [each.items(2) for each in bounds.items(count)]

@@ -11,7 +11,7 @@ from typing import Self
 from flint import fmpq
 
 from persid_check.enclosure import value
-from persid_check.exact import Matrix, Number, scattered
+from persid_check.exact import Matrix, Number, mirrored, scattered
 from persid_check.ledger.values import Ledger
 from persid_check.model import Channel, Model
 from persid_check.results import NotProvedError, require
@@ -55,8 +55,8 @@ def prove_identity(ledger: Ledger) -> None:
 
 def form_of_identity(ledger: Ledger, size: int) -> Matrix:
     """Return the form sum 2 sigma zeta_i zeta_j, over zeta of `size` entries."""
-    lower = [(i, j, 2 * sigma if i == j else sigma) for i, j, sigma in ledger.identity]
-    return scattered(size, size, [*lower, *((j, i, sigma) for i, j, sigma in lower if i != j)])
+    lower = {(i, j): 2 * sigma if i == j else sigma for i, j, sigma in ledger.identity}
+    return scattered(size, size, mirrored(lower))
 
 
 def _entry(ledger: Ledger, i: int) -> Polynomial:

@@ -1,12 +1,14 @@
 """The checker's own sentences on the ledger: what was proved, and the proof in the order of the specification."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.ledger.further import forgets, has_feedback, is_moved
 from persid_check.ledger.theorem import Proved
-from persid_check.ledger.values import Deviation, Ledger, Output, Row
+from persid_check.ledger.values import Algebraic, Curve, Deviation, Ledger, Output, Row
+from persid_check.reading import Ball
 from persid_check.words import (
     SHOWN,
     counted,
@@ -70,7 +72,7 @@ def _between(ledger: Ledger, of: str = "") -> str:
     other, start = (name.replace("x", "x~", 1) for name in (clock.now, clock.start))
     V = f"V({clock.start} - {start})"
     bound = f"|{clock.now} - {other}| <= {_start(ledger, V)}"
-    bound += f" + {_gain(ledger, ledger.kappa * ledger.p, '|u - u~|')} {clock.always}"
+    bound += f" + {_gain(ledger, ledger.kappa * ledger.p, 'u~')} {clock.always}"
     if ledger.outputs is not None:
         bound = f"the same bounds hold with y~, u~ in place of y*, u* and {V} of V({clock.start})"
     return (
@@ -133,15 +135,9 @@ def _start(ledger: Ledger, V: str | None = None) -> str:
     return f"{root(1 / ledger.p)} sqrt({V or f'V({clock.start})'}) {clock.root}"
 
 
-def _gain(ledger: Ledger, unit: Fraction, size: str | None = None) -> str:
-    """The inputs' part of an estimate of the square root of `unit` / kappa times V."""
-    whole = "|(u - u*, 1)|" if ledger.counts_b else "|u - u*|"
-    if isinstance(ledger.gamma, Fraction):
-        return f"{root(ledger.gamma / unit)} sup{size or whole}"
-    inputs = input_names(ledger.model.inputs)
-    names = [f"sup|{name} difference|" if size else f"sup|{name} - {name}*|" for name in inputs]
-    names += ["1"] * (ledger.counts_b and size is None)
-    parts = [f"{root(row[-1] / unit)} {name}" for row, name in zip(ledger.gamma, names, strict=False)]
+def _gain(ledger: Ledger, unit: Fraction, other: str = "u*") -> str:
+    """The inputs' part of an estimate of the root of `unit` / kappa times V, for u compared to `other`."""
+    parts = _of_inputs(ledger, 1 / unit, [_ZERO] * ledger.model.m, other)
     return " + ".join(parts) or "0"
 
 
@@ -204,7 +200,9 @@ def _of_output(ledger: Ledger, output: Output) -> str:
     c = square * output.constant
     clock = _clock(ledger)
     start = f"{root(c)} sqrt(V({clock.start})) {clock.root}"
-    terms = [start, *_of_inputs(ledger, c / ledger.kappa, [square * d * d for d in output.direct])]
+    terms = [start]
+    if ledger.inputs:
+        terms += _of_inputs(ledger, c / ledger.kappa, [square * d * d for d in output.direct])
     spread = _spread(ledger, ledger.kappa / c) if c else ""
     return f"|{output.name!r} - y*| <= {' + '.join(terms)}{spread}"
 
@@ -232,20 +230,18 @@ def _output_gain(ledger: Ledger, output: Output) -> str:
     return _sum(square * output.constant / ledger.kappa * gamma, through)
 
 
-def _of_inputs(ledger: Ledger, c: Fraction, direct: Sequence[Fraction]) -> list[str]:
+def _of_inputs(ledger: Ledger, c: Fraction, direct: Sequence[Fraction], other: str = "u*") -> list[str]:
     """The inputs' parts: of all together, or of each; `direct` are squares of what comes through directly."""
-    if not ledger.inputs:
-        return []
-    through = sum(direct, _ZERO)
-    if isinstance(ledger.gamma, Fraction) and not ledger.counts_b:
-        return [f"{_sum(c * ledger.gamma, through)} sup|u - u*|"]
-    if isinstance(ledger.gamma, Fraction):
-        part = f"{root(c * ledger.gamma)} sup|(u - u*, 1)|"
+    gamma, through, counts_b = ledger.gamma, sum(direct, _ZERO), ledger.counts_b and other == "u*"
+    if isinstance(gamma, Fraction) and not counts_b:
+        return [f"{_sum(c * gamma, through)} sup|u - {other}|"]
+    if isinstance(gamma, Fraction):
+        part = f"{root(c * gamma)} sup|(u - u*, 1)|"
         return [part, f"{root(through)} sup|u - u*|"] if through else [part]
-    names = [f"sup|{name} - {name}*|" for name in input_names(ledger.model.inputs)] + ["1"] * ledger.counts_b
-    squares = [*direct, *[_ZERO] * ledger.counts_b]
-    parts = zip(ledger.gamma, squares, names, strict=True)
-    return [f"{_sum(c * row[-1], d)} {name}" for row, d, name in parts]
+    names = input_names(ledger.model.inputs)
+    sizes = [f"sup|{name} - {name}*|" if other == "u*" else f"sup|{name} difference|" for name in names]
+    parts = zip(gamma, [*direct, _ZERO], [*sizes, *["1"] * counts_b], strict=False)
+    return [f"{_sum(c * row[-1], d)} {size}" for row, d, size in parts]
 
 
 def _sum(a: Fraction, b: Fraction) -> str:
@@ -254,15 +250,14 @@ def _sum(a: Fraction, b: Fraction) -> str:
 
 
 def _strip(ledger: Ledger, row: Row, lo: Fraction, hi: Fraction) -> str:
-    """One strip in words."""
-    more = " + ..." if len(row) > SHOWN else ""
-    return f"{_one(lo)} <= {_combined(row, state_names(ledger.model.states))}{more} <= {_one(hi)}"
+    """One strip in words: a combination of deviations from the operating point, by the names of the states."""
+    shown = _joined(row, _deviations(state_names(ledger.model.states)), lambda r: "" if r == 1 else _one(r))
+    return f"{_one(lo)} <= {shown} <= {_one(hi)}"
 
 
-def _combined(row: Row, names: Sequence[str]) -> str:
-    """A combination of deviations from the operating point, by the names of the states."""
-    terms = [f"{'' if r == 1 else f'{_one(r)} '}({names[i]} - {names[i]}*)" for i, r in list(row.items())[:SHOWN]]
-    return " + ".join(terms) or "0"
+def _deviations(names: Iterable[str]) -> list[str]:
+    """What is said of names: how far they are from where they rest."""
+    return [f"({name} - {name}*)" for name in names]
 
 
 def _one(value: Fraction) -> str:
@@ -293,7 +288,7 @@ def _plants(ledger: Ledger) -> str:
 
 def _members(ledger: Ledger) -> list[str]:
     """What holds of models with other coefficients, each about a place of rest of its own."""
-    read = [*state_names(ledger.model.states)[:SHOWN], *["..."] * (ledger.model.order > SHOWN)]
+    read = _listed(state_names(ledger.model.states))
     read += ["values of functions"] * bool(ledger.model.channels) + ["inputs"] * bool(ledger.model.m)
     first = (
         f"Of a model with other coefficients, g the sum of L (D zeta + e) with zeta = ({', '.join(read)}), constant D"
@@ -304,19 +299,17 @@ def _members(ledger: Ledger) -> list[str]:
 
 
 def _deviation(ledger: Ledger, deviation: Deviation) -> str:
-    names = [*(f"({name} - {name}*)" for name in state_names(ledger.model.states))]
-    names += [f"(s{c + 1} - s{c + 1}*)" for c in range(len(ledger.model.channels))]
-    names += [f"({name} - {name}*)" for name in input_names(ledger.model.inputs)] + ["1"] * ledger.counts_b
-    states = state_names(ledger.model.states)
+    states, channels = state_names(ledger.model.states), [f"s{c + 1}" for c in range(len(ledger.model.channels))]
+    names = _deviations([*states, *channels, *input_names(ledger.model.inputs)]) + ["1"] * ledger.counts_b
     columns = [_joined(row, [f"e({name})" for name in states], _one) for row in deviation.columns]
     lines = [_joined(row, names, _towards_0 if len(row) == 1 else _one) for row in deviation.C]
-    some = [f"({', '.join(each[:SHOWN])}{', ...' if len(each) > SHOWN else ''})" for each in (columns, lines)]
+    some = [f"({', '.join(_listed(each))})" for each in (columns, lines)]
     bound = f"|{some[1]}|^2" if lines else "0"
     return f"L = {some[0]} and |w|^2 <= {bound} + {_towards_0(deviation.epsilon)}^2"
 
 
 def _joined(row: Row, names: Sequence[str], written: Callable[[Fraction], str]) -> str:
-    terms = [f"{written(r)} {names[i]}" for i, r in list(row.items())[:SHOWN]]
+    terms = [f"{written(r)} {names[i]}".lstrip() for i, r in list(row.items())[:SHOWN]]
     return (" + ".join(terms) or "0") + (" + ..." if len(row) > SHOWN else "")
 
 
@@ -326,47 +319,50 @@ def _towards_0(value: Fraction) -> str:
 
 def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     """Return the proof as short lines, in the order of the specification."""
-    model, lines = ledger.model, []
+    model, z = ledger.model, "z" if ledger.inside else "x"
     size = [counted(model.order, "state"), counted(len(model.channels), "channel"), counted(ledger.inputs, "input")]
     if model.algebraic:
         size.insert(1, counted(model.algebraic, "algebraic variable"))
-    lines.append(f"1. The hash agrees; {', '.join(size)}.")
-    if ledger.ball is not None:
-        how = "Krawczyk's operator" if ledger.ball.radius else "Exact evaluation"
-        lines.append(f"1. {how} proves exactly one equilibrium in the ball.")
-    for i, curve in enumerate(ledger.curves):
-        functions = counted(len(curve.functions), "function")
-        lines.append(f"2. Curve {i}: {functions}, continuous; centre {_centre(curve.shift)}.")
-        for k, form in enumerate(curve.forms):
-            pieces = counted(len(form.cuts) - 1, "piece")
-            lines.append(f"2. Curve {i}, form {k} = {vector(form.l)}: {form.kind}, {pieces}.")
-    counts = {kind: sum(1 for fact in ledger.facts if fact.kind == kind) for kind in _FACTS}
-    lines += [f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]]
-    if ledger.identity:
-        lines.append(
-            f"3. {counted(len(ledger.identity), 'product')} of entries, whose sum is zero as a polynomial (section 12)."
-        )
-    densities = sum(len(point.densities) for point in ledger.points)
-    z = "z" if ledger.inside else "x"
-    lines.append(f"4. V = {z}'P {z} + {counted(densities, 'integral')}; V >= {z}'Pt {z}, Pt assembled exactly.")
-    if ledger.inside:
-        lines.append(f"4. z is x and {counted(len(ledger.inside), 'value')} of functions, each locally Lipschitz.")
-    if ledger.algebraic is not None:
-        products = counted(len(ledger.algebraic.products), "product")
-        lines.append(f"11. The equations have one solution: a form of differences, {products}, is positive definite.")
-        lines += ["11. Every row that reads an algebraic variable stays on its domain, or in its strip."] * bool(
-            ledger.algebraic.bounds
-        )
-    if ledger.dropped:
-        lines.append(f"5. {len(ledger.dropped)} rows of M are exactly zero.")
-    lines.append(f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.")
-    lines.append("6. Pt - p I > 0 in the same way." if ledger.p else "6. Pt > 0 in the same way.")
-    if ledger.outputs is not None:
-        lines.append(
-            "7. c >= C Pt^-1 C' (bound of section 6) for every output, and no output map is steeper than its L."
-        )
-    lines.append(f"7. {(_OF_STEPS if model.is_discrete else _CONCLUSIONS)[ledger.claim]}")
-    return tuple(lines)
+    counts = Counter(fact.kind for fact in ledger.facts)
+    identity, inside = counted(len(ledger.identity), "product"), counted(len(ledger.inside), "value")
+    integrals = counted(sum(len(point.densities) for point in ledger.points), "integral")
+    lines = [
+        f"1. The hash agrees; {', '.join(size)}.",
+        f"1. {_how(ledger.ball)} proves exactly one equilibrium in the ball." * (ledger.ball is not None),
+        *(line for i, curve in enumerate(ledger.curves) for line in _of_curve(i, curve)),
+        *(f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]),
+        f"3. {identity} of entries, whose sum is zero as a polynomial (section 12)." * bool(ledger.identity),
+        f"4. V = {z}'P {z} + {integrals}; V >= {z}'Pt {z}, Pt assembled exactly.",
+        f"4. z is x and {inside} of functions, each locally Lipschitz." * bool(ledger.inside),
+        *_of_equations(ledger.algebraic),
+        f"5. {len(ledger.dropped)} rows of M are exactly zero." * bool(ledger.dropped),
+        f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.",
+        f"6. Pt{' - p I' * bool(ledger.p)} > 0 in the same way.",
+        "7. c >= C Pt^-1 C' (bound of section 6) for every output, and no output map is steeper than its L."
+        * (ledger.outputs is not None),
+        f"7. {(_OF_STEPS if model.is_discrete else _CONCLUSIONS)[ledger.claim]}",
+    ]
+    return tuple(line for line in lines if line)
+
+
+def _how(ball: Ball | None) -> str:
+    return "Krawczyk's operator" if ball is not None and ball.radius else "Exact evaluation"
+
+
+def _of_curve(i: int, curve: Curve) -> Iterator[str]:
+    functions = counted(len(curve.functions), "function")
+    yield f"2. Curve {i}: {functions}, continuous; centre {_centre(curve.shift)}."
+    for k, form in enumerate(curve.forms):
+        pieces = counted(len(form.cuts) - 1, "piece")
+        yield f"2. Curve {i}, form {k} = {vector(form.l)}: {form.kind}, {pieces}."
+
+
+def _of_equations(said: Algebraic | None) -> Iterator[str]:
+    if said is not None:
+        products = counted(len(said.products), "product")
+        yield f"11. The equations have one solution: a form of differences, {products}, is positive definite."
+        if said.bounds:
+            yield "11. Every row that reads an algebraic variable stays on its domain, or in its strip."
 
 
 _FACTS = {
