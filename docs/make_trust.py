@@ -13,7 +13,7 @@ CHECKER = Path(__file__).resolve().parents[1] / "src" / "persid_check"
 PAGE = Path(__file__).with_name("trust-base.md")
 HEAD = ["| | code | lines |", "|---|---|---|"]
 OF_A_LEDGER = {
-    "door, program, results, steps, what is remembered": "__init__ __main__ check identity memory results work",
+    "door, program, results, steps": "__init__ __main__ check identity results work",
     "reading: JSON, numbers, models, outputs, expressions": "entry expression json_text model outputs reading words",
     "functions: intervals, expansions, series at 0": "enclosure expansion taylor",
     "matrices and equilibria": "definite equilibrium exact",

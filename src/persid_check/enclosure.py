@@ -123,7 +123,7 @@ def constant(value: Fraction) -> Interval:
 
 @lru_cache(maxsize=4096)
 def _short(salted: int, d: int) -> Interval:
-    """A file cannot choose numbers that stand at one place of this memory: it knows no salt (see memory.py)."""
+    """A file cannot choose numbers that stand at one place of this memory: it knows no salt (see work.py)."""
     return _constant(salted ^ _SALT, d)
 
 

@@ -1,16 +1,15 @@
 """The work of one file, counted and limited: what is refused for its length is refused on every machine alike.
 
-A step is one instruction of a program run on one interval (an expansion counts as many). A proof that was made before,
-for another file, is found again and counts as if it were made now: the answer depends on the file alone.
+A step is one instruction of a program run on one interval (an expansion counts as many). A proof that stands in a file
+twice counts once; the answer depends on the file alone.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
-from persid_check.memory import Question, answers
 from persid_check.results import NotProvedError
 
 STEPS = 2 * 10**5  # that the proofs of a file may take, and more for each byte
@@ -28,56 +27,53 @@ def allowance(size: int, of_a_byte: int = STEPS_OF_A_BYTE, most: int = MOST_STEP
     return min(STEPS + of_a_byte * size, max(most, MOST_OF_A_BYTE * size))
 
 
-class _Account:
-    """Steps spent in a file or in a proof, and the proofs of the file that have been counted."""
+class Account:
+    """Steps spent in a file or in a proof, and the answers of its proofs, by their text."""
 
     def __init__(self, limit: float) -> None:
         self.spent, self.limit = 0, limit
-        self.counted: set[tuple[str, Question]] = set()
+        self.answers: dict[object, Any] = {}
 
 
-_account: ContextVar[_Account | None] = ContextVar("_account", default=None)
+account: ContextVar[Account | None] = ContextVar("account", default=None)
 
 
 @contextmanager
-def limited(steps: float) -> Iterator[_Account]:
+def limited(steps: float) -> Iterator[Account]:
     """Within this context a proof may take so many steps in all; then NotProvedError ends it."""
-    account = _Account(steps)
-    token = _account.set(account)
+    current = Account(steps)
+    token = account.set(current)
     try:
-        yield account
+        yield current
     finally:
-        _account.reset(token)
+        account.reset(token)
 
 
 def spend(steps: int) -> None:
     """Count steps."""
-    account = _account.get()
-    if account is not None:
-        account.spent += steps
-        if account.spent > account.limit:
+    current = account.get()
+    if current is not None:
+        current.spent += steps
+        if current.spent > current.limit:
             raise NotProvedError("file", "its proof takes too many steps: fewer or simpler forms are needed")
 
 
-def remembered(proof: Callable[_Key, _Answer], most: int = 65536) -> Callable[_Key, _Answer]:
-    """Remember the last answers of a proof, with the steps that each took; a file is charged once for each."""
+def once(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:
+    """Make a proof once for a file, however often it asks for it: it is charged once.
 
-    def charged(*key: object) -> tuple[_Answer, int]:
-        outer = _account.get()
-        with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
-            answer = proof(*key)  # type: ignore[arg-type, call-arg]
-        return answer, inner.spent
-
-    found = answers(charged, most)
+    Numbers hash modulo 2^61 - 1: a file may hold thousands that share one hash, among which each search would be a long
+    one. So arguments are found by their text, whose hash Python salts in every process.
+    """
 
     @wraps(proof)
-    def run(*key: _Key.args, **_: _Key.kwargs) -> _Answer:
-        question = Question.of(*key)
-        answer, steps = found(question)
-        account = _account.get()
-        if account is not None and (proof.__name__, question) not in account.counted:
-            account.counted.add((proof.__name__, question))
-            spend(steps)
+    def run(*key: _Key.args, **named: _Key.kwargs) -> _Answer:
+        current = account.get()
+        if current is None:
+            return proof(*key, **named)
+        text = f"{proof.__qualname__}{key!r}{named!r}"
+        if text not in current.answers:
+            current.answers[text] = proof(*key, **named)
+        answer: _Answer = current.answers[text]
         return answer
 
     return run

@@ -7,9 +7,9 @@ import pytest
 from flint import ctx
 
 from checker.expressions import is_sector_function, odd_part
-from persid_check import memory
 from persid_check.enclosure import UndefinedError, between
 from persid_check.expression import parse
+from persid_check.search import memory
 from persid_check.search.prover import (
     is_odd,
     prove_bounded,

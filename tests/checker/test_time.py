@@ -23,11 +23,11 @@ from persid_check.enclosure import PRECISION, constant
 from persid_check.ledger.algebraic import prove_algebraic
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.identities import prove_identity
-from persid_check.memory import Question
 from persid_check.networks import certificate as of_networks
 from persid_check.networks import check as networks
 from persid_check.networks.members import Members
 from persid_check.results import NotProvedError
+from persid_check.search.memory import Question
 from persid_check.work import MOST_STEPS, SEARCHED, STEPS, limited
 
 PRIME = 2**61 - 1  # Python's numbers hash modulo it

@@ -6,11 +6,12 @@ import pytest
 
 from checker import known_ledgers, ledgers, named
 from checker.maker import data
-from persid_check import Accepted, Rejected, check, memory, work
+from persid_check import Accepted, Rejected, check, work
 from persid_check.expression import parse
 from persid_check.ledger import check as ledger_check
+from persid_check.ledger.lemmas import Lemma
 from persid_check.refutations import check as refutations
-from persid_check.search import prover
+from persid_check.search import memory, prover
 from persid_check.version_1 import check as version_1
 
 
@@ -95,3 +96,19 @@ def test_without_a_file_there_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> No
     allow(monkeypatch, 0)
     memory.forget()
     assert prover.prove_sector_form((), [1])
+
+
+def test_a_lemma_counts_once_and_is_never_taken_for_another() -> None:
+    """Asked for twice in a file a lemma takes no steps again; another does, be its numbers alike in hash, or long."""
+    line, longest = ((parse("x"), Fraction(1)),), Fraction(2**2048 - 1) * 2**2000
+    cuts = [(-cut, Fraction(0), cut) for cut in (Fraction(1), Fraction(2**61), longest)]
+    answers = []
+    with work.limited(1000) as account:
+        for slope in (Fraction(1), Fraction(-1)):
+            for each in (*cuts, *cuts):
+                before = account.spent
+                reason = Lemma(line, (slope, Fraction(0)), "nondecreasing").unproved(each, None)
+                answers.append((reason is None, account.spent > before))
+    assert hash(cuts[0]) == hash(cuts[1])
+    assert [proved for proved, _ in answers] == [True] * 6 + [False] * 6
+    assert [took for _, took in answers] == ([True] * 3 + [False] * 3) * 2

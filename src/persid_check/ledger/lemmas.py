@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import Self, TypeVar
 
@@ -26,7 +26,7 @@ from persid_check.enclosure import (
 )
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
-from persid_check.work import remembered, spend
+from persid_check.work import once, spend
 
 Functions = tuple[tuple[Program, Fraction], ...]
 Form = tuple[Fraction, ...]
@@ -36,7 +36,6 @@ E = TypeVar("E", bound=Element)
 SLOPES = ("nondecreasing", "rising")  # kinds whose quantity is g' itself: the centre plays no part
 STRICT = ("growing", "rising")  # kinds with q > 0, and |g| -> infinity at both ends
 SUMMED = ("offset", "upper")  # kinds whose quantity is added up: it may fall below 0 where it rose before
-LEMMAS = 2048  # that are remembered, each with its cuts
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
@@ -59,9 +58,11 @@ class Lemma:
         """The least and the largest centre."""
         return self.centre or (_ZERO, _ZERO)
 
+    @once
     def unproved(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
         """Return where the lemma is not proved, None where it is: on all pieces, and beyond them without a domain."""
-        return _unproved(self, cuts, domain)
+        with ctx.workprec(PRECISION):
+            return self._unproved_on(cuts, domain)
 
     def _unproved_on(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
         low, high = self._star
@@ -218,13 +219,6 @@ def _first_unproved(
         if not statement.holds_on(a, b):
             return f"on the piece from {_shown(a)} to {_shown(b)}"
     return next((f"beyond {_shown(t)}" for t, sign in ends if not statement.holds_beyond(sign * t, sign)), None)
-
-
-@partial(remembered, most=LEMMAS)
-def _unproved(lemma: Lemma, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
-    """The files of a model share lemmas: each is proved once, and counts for every file as if it were proved anew."""
-    with ctx.workprec(PRECISION):
-        return lemma._unproved_on(cuts, domain)
 
 
 def _escapes(G: Expansion) -> bool:

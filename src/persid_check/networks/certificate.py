@@ -13,7 +13,6 @@ from persid_check.canonical import holds_objects
 from persid_check.entry import Entry
 from persid_check.expression import parse
 from persid_check.json_text import Stated
-from persid_check.memory import Question
 from persid_check.model import Model, read_model, sha256_of
 from persid_check.networks import sentences
 from persid_check.networks.claims import Forms, Kind, NetworkClaim, NetworkObstruction, NetworkSubject
@@ -23,6 +22,7 @@ from persid_check.networks.nodes import MAX_FUNCTIONS, Column, Nodes, nodes_of
 from persid_check.networks.table import Table, doubtful, table_of, table_of_sparse
 from persid_check.reading import MAX_FORMS
 from persid_check.results import NotProvedError
+from persid_check.search.memory import Question
 from persid_check.search.prover import prove_continuous, prove_nondecreasing, prove_sector_form
 from persid_check.sparse import FILLED_STATES, SparseModel, read_sparse
 from persid_check.subject import COMMON, read_heading

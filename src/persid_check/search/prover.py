@@ -17,7 +17,7 @@ from flint import ctx, fmpq
 from persid_check.enclosure import PRECISION, Element, Interval, UndefinedError, between, constant, value
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
-from persid_check.memory import Question, answers
+from persid_check.search.memory import Question, answers, remembered
 from persid_check.search.side import (
     BUDGET,
     FINEST,
@@ -36,7 +36,7 @@ from persid_check.search.side import (
     as_interval,
     scaled,
 )
-from persid_check.work import remembered, spend
+from persid_check.work import spend
 
 MARCHES = (32, 256, 2048)  # steps, tried in this order
 ODD_FUNCTIONS = frozenset(["sin", "tan", "sinh", "tanh", "arcsinh", "arctan", "erf", "softsign", "deadzone", "sat"])

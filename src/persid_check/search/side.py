@@ -12,8 +12,9 @@ from flint import arb, fmpq
 from persid_check.enclosure import Element, Interval, UndefinedError, between, constant, value, value_and_slope
 from persid_check.expansion import CONSTANT, Expansion, Horizon
 from persid_check.expression import Program, work_of
+from persid_check.search.memory import remembered
 from persid_check.search.series import LOCAL, Series, least, somewhere, variable
-from persid_check.work import remembered, spend
+from persid_check.work import spend
 
 Curve = tuple[tuple[Program, Fraction], ...]
 Form = tuple[Fraction, ...]

@@ -1,16 +1,20 @@
 """What is remembered of earlier answers: so many at most, found by keys whose hash no file can foresee.
 
-Numbers hash modulo 2^61 - 1: a file may hold thousands that share one hash, among which each search would be a long
-one. So arguments are found by their text, whose hash Python salts in every process.
+A proof that was made before, for another file, is found again and counts as if it were made now. Numbers hash modulo
+2^61 - 1: a file may hold thousands that share one hash, among which each search would be a long one. So arguments are
+found by their text, whose hash Python salts in every process.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, wraps
 from types import MethodType
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
+from persid_check.work import account, limited, spend
+
+_Key = ParamSpec("_Key")
 _Answer = TypeVar("_Answer")
 
 
@@ -61,3 +65,26 @@ def answers(function: Callable[..., _Answer], most: int) -> Callable[[Question],
 
     _memories.append(found.cache_clear)
     return found
+
+
+def remembered(proof: Callable[_Key, _Answer], most: int = 65536) -> Callable[_Key, _Answer]:
+    """Remember the last answers of a proof, with the steps that each took; a file is charged once for each."""
+
+    def charged(*key: object) -> tuple[_Answer, int]:
+        outer = account.get()
+        with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
+            answer = proof(*key)  # type: ignore[arg-type, call-arg]
+        return answer, inner.spent
+
+    found = answers(charged, most)
+
+    @wraps(proof)
+    def run(*key: _Key.args, **_: _Key.kwargs) -> _Answer:
+        question, current = Question.of(*key), account.get()
+        answer, steps = found(question)
+        if current is not None and (proof.__name__, question) not in current.answers:
+            current.answers[proof.__name__, question] = answer
+            spend(steps)
+        return answer
+
+    return run
