@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from checker import known_ledgers
+from checker import false_steps, known_ledgers
+from checker.edits import GONE, Edit, M, R, _f, _is, _l
 from checker.ledgers import data, number, rehashed
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
 from persid_check import FormatError, model_sha256
 from persid_check.results import NotProvedError
-
-R, M = "Rejected", "Malformed"
-Edit = tuple[tuple[Any, ...], Any]
 
 
 @dataclass(frozen=True)
@@ -50,24 +48,11 @@ def changed(base: str, edits: tuple[Edit, ...], *, refactored: bool = False) -> 
     return data(content)
 
 
-GONE = object()
 FALSEHOODS: list[Falsehood] = []
 
 
 def _set(name: str, base: str, expected: str, why: str, *edits: Edit) -> None:
     FALSEHOODS.append(Falsehood(name, expected, why, lambda: changed(base, edits, refactored=expected == R)))
-
-
-def _l(k: int, *values: Any, curve: int = 0) -> Edit:
-    return (("curves", curve, "forms", k, "l"), [number(v) for v in values])
-
-
-def _is(k: int, kind: str, curve: int = 0) -> Edit:
-    return (("curves", curve, "forms", k, "is"), kind)
-
-
-def _f(text: str) -> tuple[Edit, ...]:
-    return (("model", "terms", 0, "f"), text), (("curves", 0, "functions", 0, 0), text)
 
 
 def _cuts(k: int, cuts: Any) -> Edit:
@@ -507,45 +492,6 @@ FALSEHOODS.append(
 )
 FALSEHOODS.append(Falsehood("hash_stale", R, "another hash", lambda: changed(V, ((("model_sha256",), "0" * 64),))))
 
-# --- discrete time
-S = "steps_network"
-_set("steps_kappa_one", S, R, "nothing is left after a step", (("kappa",), [1, 0]))
-_set("steps_kappa_large", S, R, "faster than the model", (("kappa",), [1, -1]))
-_set("steps_kappa_zero", S, R, "kappa is positive", (("kappa",), [0, 0]))
-_set("steps_gamma_small", S, R, "the gain is below the truth", (("gamma",), [1, -20]))
-_set("steps_p_large", S, R, "P > p I fails", (("p",), [4, 0]))
-_set("steps_density", S, R, "V has no integrals", (("points", 0, "densities"), [[0, [1, -4]]]),
-     (("curves", 0, "forms", 0, "upper"), [[1, 0], [0, 0], None]))  # fmt: skip
-_set("steps_density_of_iss", "steps_iss", R, "V has no integrals", (("points", 0, "densities"), [[0, [1, -20]]]))
-_set("steps_dropped", "steps_iss", R, "its row of M is not zero", (("dropped",), [3]))
-_set("steps_state_dropped", "steps_iss", R, "no state is dropped", (("dropped",), [0]))
-_set("steps_spanning", "steps_iss", R, "nothing is dropped", (("spanning",), [[0, 0]]))
-_set("steps_unstable", S, R, "an eigenvalue beyond 1", (("model", "A0", 0, 0), (1.25).hex()))
-_set("steps_alternating", S, R, "an eigenvalue below -1", (("model", "A0", 0, 0), (-1.25).hex()))
-_set("steps_integrator", S, R, "x1 stays where it is", (("model", "A0", 0), [v.hex() for v in (1.0, 0.0, 0.0)]),
-     (("model", "terms", 0, "A", 0), [(0.0).hex()] * 3))  # fmt: skip
-_set("steps_input", S, R, "a thousand times the input", (("model", "B", 0, 0), (100000.0).hex()))
-_set("steps_as_rates", S, R, "x' = A0 x with a positive A0 grows", (("model",), lambda model: {
-    name: value for name, value in model.items() if name not in ("time", "dt")}))  # fmt: skip
-_set("rates_as_steps", "incremental", R, "x+ = -x + ... turns round and does not fall", (("model",), lambda model: (
-    model | {"time": "discrete", "dt": (0.5).hex()})))  # fmt: skip
-_set("steps_rest_of_rates", "steps_ball", R, "a zero of F is no fixed point",
-     (("operating_point", "x", 0), number(-1.4)))  # fmt: skip
-_set("steps_ball_exact", "steps_ball", R, "it does not rest there exactly", (("operating_point", "radius"), [0, 0]))
-_set("steps_level", "steps_region", R, "the ellipsoid leaves the strip", (("level",), [1, 3]))
-_set("steps_input_bound", "steps_region", R, "a step may leave the region", (("input_bound",), [1, 3]))
-_set("steps_strip", "steps_region", R, "a strip that the ellipsoid leaves", (("strips", 0, 1), [-1, -4]))
-_set("steps_offset", "steps_practical", R, "the constant does not cover it",
-     (("curves", 0, "products", 0, 2), [1, -6]))  # fmt: skip
-_set("steps_deviation", "steps_plant", R, "deviations as large as the state",
-     (("deviations", 0, "C"), lambda rows: [[[i, [1, 0]]] for i in range(len(rows))]))  # fmt: skip
-for _name, _dt in (("zero", (0.0).hex()), ("negative", (-0.5).hex()), ("null", None), ("number", 0.125)):
-    _set(f"steps_dt_{_name}", S, M, "a step is positive", (("model", "dt"), _dt))
-_set("steps_dt_alone", V, M, "continuous time has no step", (("model", "dt"), (0.5).hex()))
-_set("steps_time_alone", S, M, "a step is needed", (("model", "dt"), GONE))
-_set("steps_time_unknown", S, M, "no such time", (("model", "time"), "sampled"))
-_set("steps_time_continuous", V, M, "not in canonical form", (("model", "time"), "continuous"))
-
 # --- slopes along solutions, and values in V
 Z, ZK = "slopes", "slopes_of_kinks"
 _slope = ("facts", "slope", 0)
@@ -590,12 +536,9 @@ _set("square_of_a_form_that_falls", Z, R, "1 - 1.125 y' < 0", ((*_lower, 0), num
      (("curves", 0, "forms", 1, "lower"), None), *_without_upper)  # fmt: skip
 _set("square_of_a_sector_bound", Z, R, "y - d l must rise", _is(1, "sector"), *_without_upper[:1],
      *_without_upper[2:], (("facts", "slope"), []))  # fmt: skip
-for _name, _edit in {
-    "slopes": (("facts", "slope"), [[0, 0, 0, [1, -20]]]),
-    "values": (("P",), {"lower": [[[0, 0]] * i + [[1, 0]] for i in range(4)], "channels": [0]}),
-}.items():
-    FALSEHOODS.append(
-        Falsehood(f"{_name}_in_steps", R, "no slope in steps", lambda edit=_edit: changed("steps_iss", (edit,)))
-    )
 _set("values_and_dropped_states", "m_cubes", R, "P is over the states alone", (("P",), {
     "lower": [[[0, 0]] * i + [[1, -20]] for i in range(3)], "channels": [0]}))  # fmt: skip
+
+# --- discrete time
+for _each in false_steps.FALSE:
+    _set(*_each)

@@ -6,9 +6,12 @@ from typing import Any
 import numpy as np
 
 from checker.ledgers import Sketch, curve, draft, model_object, number, point, seeing, solved
-from persid.certificates.ledger import with_proof
+from checker.sampled import number as sampled
+from persid.certificates.ledger import floats, with_proof
 from persid.lyapunov.operating_points import proved_radius
 from persid_check import canonical_model, model_sha256
+from persid_check.ledger.assembly import assemble
+from persid_check.ledger.file import read_ledger
 from persid_check.model import model_of
 
 Certificate = dict[str, Any]
@@ -96,6 +99,62 @@ def steps_practical() -> Certificate:
     return with_proof(content | {"gamma": [64, 0], "p": [1, -1]})
 
 
+def loop(f: str = "tanh(x)", k: float = 8.0, **more: Any) -> Sketch:
+    """The plant .1 z/(z^2 - 1.8 z + .81) in a loop with k f: its quadratic V ends at k = .7, its linear limit is 36."""
+    A0, row = [[1.8, -0.81], [1.0, 0.0]], {0: Fraction(k) / 8}
+    model = steps_model([(f, [[k / 8, 0.0]], [[-0.8], [0.0]])], A0, [[1.0], [0.0]], n=2)
+    bounds = [{"upper": (1, 0), "lower": (1, j)} for j in (1, 0)]
+    forms = curve([(f, 1)], ((0, 1), "nondecreasing", bounds[0]), ((1, -1), "nondecreasing", bounds[1]))
+    facts = [("value", 0, 0, 1), *(("step", 0, 0, sign, 0, 1) for sign in (-1, 0, 1))]
+    return Sketch(model, [forms], [point(0, row, [0], [0, 1])], facts, inside=(0,), **more)
+
+
+def steps_values() -> Certificate:
+    """The function's value and its integral in V, and facts about a step."""
+    return solved(loop())
+
+
+def steps_values_of_kinks() -> Certificate:
+    """The same for a saturation, with a rate and a gain."""
+    return solved(loop("sat(x)", 4.0, claim="rate-and-gain", kappa=Fraction(1, 128)))
+
+
+def steps_values_apart() -> Certificate:
+    """Two neurons that feed each other: sums and differences of one after a step and the other before it."""
+    model = steps_model([("tanh(x)", None, [[0.25, 0.5], [-0.5, 0.25]])], [[0.25, 0], [0, 0.25]], n=2)
+    forms = curve(TANH, ((0, 1), "nondecreasing", {"upper": (1, 0)}), ((1, -1), "nondecreasing", {"upper": (1, 0)}))
+    points = [point(0, {i: 1}, [i], [0, 1]) for i in range(2)]
+    facts = [("step", p, q, sign, 0, 1) for p in range(2) for q in range(2) for sign in (-1, 1)]
+    facts += [("value", p, 0, 1) for p in range(2)] + [("step", p, p, 0, 0, 1) for p in range(2)]
+    return solved(Sketch(model, [forms], points, facts, "rate-and-gain", Fraction(1, 16), inside=(0, 1)))
+
+
+def steps_values_region() -> Certificate:
+    """A cube in the loop, on a strip where its slopes are those of the saturation: V reads it, and its integral."""
+    sketch = loop("x**3/3", 2.0, claim="region", kappa=Fraction(1, 256))
+    given = [
+        (form, kind, {"upper": (1, 0), "lower": (1, j)})
+        for form, kind, j in (((0, 1), "nondecreasing", 1), ((1, -1), "nondecreasing", 0))
+    ]
+    sketch.curves = [curve([("x**3/3", 1)], *given, domain=(-1, 1))]
+    content = solved(sketch)
+    return with_proof(content | bounds_of_region(content))
+
+
+def bounds_of_region(content: Certificate) -> Certificate:
+    """The level that just keeps off the strips of the points, and the inputs that it admits."""
+    matrices = assemble(read_ledger(content))
+    inverse, gamma, kappa = np.linalg.inv(floats(matrices.Pt)), *(sampled(content[k]) for k in ("gamma", "kappa"))
+    levels = []
+    for each in content["points"]:
+        row = np.zeros(len(inverse))
+        row[[i for i, _ in each["row"]]] = [sampled(v) for _, v in each["row"]]
+        levels.append(sampled(content["curves"][each["curve"]]["domain"][1]) ** 2 / float(row @ inverse @ row))
+    level = Fraction(int(0.98 * min(levels) * 2**40), 2**40)
+    bound = Fraction(int(0.99 * (kappa * float(level) / gamma) ** 0.5 * 2**40), 2**40)
+    return {"level": number(level), "input_bound": number(bound)}
+
+
 def as_steps(content: Certificate, dt: float = 0.5) -> Certificate:
     """The same file about the same numbers read in discrete time."""
     model = content["model"] | {"time": "discrete", "dt": dt.hex()}
@@ -103,5 +162,6 @@ def as_steps(content: Certificate, dt: float = 0.5) -> Certificate:
 
 
 MAKERS = (
-    steps_network, steps_iss, steps_plant, steps_outputs, steps_ball, steps_region, steps_practical
+    steps_network, steps_iss, steps_plant, steps_outputs, steps_ball, steps_region, steps_practical, steps_values,
+    steps_values_of_kinks, steps_values_apart, steps_values_region,
 )  # fmt: skip

@@ -65,7 +65,9 @@ def _check(data: dict[str, Any]) -> None:
     L = [[sum((_dyadic(v) for k, v in column if k == i), _ZERO) for column in columns] for i in range(n)]
     rest = [_ZERO] * len(inside)
     G = [[*A0[i], *(channel[2][i] for channel in channels), *B[i], *L[i], *rest] for i in range(n)]
-    G += [[Fraction(j == sigma[c]) for j in range(size)] for c in inside]  # the derivative of z
+    steps = _is_discrete(form)
+    # the derivative of z, or z+ in discrete time
+    G += [[Fraction(j == sigma[c] or (steps and j == n + c)) for j in range(size)] for c in inside]
     z = [*range(n), *(n + c for c in inside)]
     kappa, p = _dyadic(data["kappa"]), _dyadic(data["p"])
     rated = data["claim"] == "rate-and-gain"
@@ -79,17 +81,18 @@ def _check(data: dict[str, Any]) -> None:
     for i, a in enumerate(z):
         for j, b in enumerate(z):
             half[i][b], M[a][b] = P[i][j], -kappa * P[i][j]
-    steps = _is_discrete(form)
-    _require(not steps or not (inside or data["facts"].get("slope")), "slopes in steps")
+    _require(not data["facts"].get("slope" if steps else "step"), "slopes are facts of flows, steps of steps")
     for point in points:
-        _require(not steps or not any(_dyadic(mu) for _, mu in point.stored["densities"]), "a density in steps")
         _densities(M, half, point, kappa)
         _squares(Pt, point, inside)
+        if steps:
+            _gained(M, point, G, sigma)
     _facts(M, points, data["facts"])
     _along(M, points, data["facts"].get("slope", []), G, sigma)
     if steps:
         _require(kappa < 1, "kappa in steps")
-        _step(M, P, G)
+        _step(M, P, G, z)
+        _over_steps(M, points, data["facts"].get("step", []), G, sigma)
     for i in range(0 if steps else len(z)):
         _add(M, half[i], G[i], Fraction(-1))
     _bounds(M, data, own, m)
@@ -110,12 +113,58 @@ def _is_discrete(form: dict[str, Any]) -> bool:
     return True
 
 
-def _step(M: list[Row], P: list[Row], G: list[Row]) -> None:
-    """Add x'P x - zeta'G'P G zeta."""
+def _after(point: "_Point", k: int, G: list[Row], sigma: dict[int, int]) -> Row:
+    """Form k at a point after the step: l_0 r'x+ and the values s + sigma, of channels that P reads."""
+    first, *others = point.coefficients(k)
+    row = [first * sum((r * g[j] for r, g in zip(point.row, G, strict=False)), _ZERO) for j in range(point.size)]
+    for c, v in zip(point.channels, others, strict=True):
+        if v:
+            row[sigma[c]] += v
+            row[point.n + c] += v
+    return row
+
+
+def _gained(M: list[Row], point: "_Point", G: list[Row], sigma: dict[int, int]) -> None:
+    """Take away 2 mu (g+ (y+ - y) - d/2 (g+ - g)^2) of each density."""
+    for k, pair in point.stored["densities"]:
+        mu, lower = _dyadic(pair), point.curve["forms"][k]["lower"]
+        if mu:
+            _require(point.is_nondecreasing(k), "a density of steps")
+            after, now = _after(point, k, G, sigma), point.form(k)
+            y = [sum((r * g[j] for r, g in zip(point.row, G, strict=False)), _ZERO) for j in range(point.size)]
+            _add(M, after, [a - b for a, b in zip(y, point.y(), strict=True)], -mu)
+            if lower is not None:  # the others are not supported
+                gap = [a - b for a, b in zip(after, now, strict=True)]
+                _add(M, gap, gap, mu * _dyadic(lower[0]) / 2)
+
+
+def _over_steps(M: list[Row], points: list["_Point"], facts: list[Any], G: list[Row], sigma: dict[int, int]) -> None:
+    for a, b, sign, k, l, pair in facts:
+        tau, first, second = _dyadic(pair), points[_index(a, points)], points[_index(b, points)]
+        _require(tau >= 0 and type(sign) is int and sign in (-1, 0, 1), "step")
+        if sign:
+            _require(first.stored["curve"] == second.stored["curve"], "step")
+            _require(first.is_nondecreasing(k) and first.is_nondecreasing(l), "step")
+        else:
+            _require(a == b and first.is_sector(k) and first.is_sector(l), "step")
+        rows = []
+        for f in (k, l):
+            now = second.form(f) if sign else [_ZERO] * len(M)
+            _require(
+                not sign
+                or all(c in sigma for c, v in zip(second.channels, second.coefficients(f)[1:], strict=True) if v),
+                "P",
+            )
+            rows.append([v + sign * w for v, w in zip(_after(first, f, G, sigma), now, strict=True)])
+        _add(M, rows[0], rows[1], -tau)
+
+
+def _step(M: list[Row], P: list[Row], G: list[Row], z: list[int]) -> None:
+    """Add z'P z - z+'P z+."""
     n, size = len(P), len(M)
     for i in range(n):
         for j in range(n):
-            M[i][j] += P[i][j]
+            M[z[i]][z[j]] += P[i][j]
             if P[i][j]:
                 for a in range(size):
                     for b in range(size):

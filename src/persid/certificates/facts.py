@@ -204,8 +204,8 @@ def _written(proposal: Proposal) -> tuple[Curves, list[Json], dict[str, list[obj
                 c = Fraction(frame.constants[p, k, j]) if isinstance(frame, Rough) else Fraction(0)
                 listed = curves.add(points[p]["curve"], (at[p][k], at[p][j], c))
                 facts["constant"].append([p, listed, dyadic(value)])
-            case ("difference", p, q, sign, k, j):
-                facts["difference"].append([p, q, sign, at[p][k], at[p][j], dyadic(value)])
+            case ("difference" | "step" as kind, p, q, sign, k, j):
+                facts.setdefault(kind, []).append([p, q, sign, at[p][k], at[p][j], dyadic(value)])
     if identity := _identity(proposal):
         facts["identity"] = identity
     return curves, points, facts, _equations(proposal, at)
@@ -278,7 +278,7 @@ def _uses(label: Label) -> list[tuple[int, int, tuple[str, ...]]]:
             return [(p, k, ("one-signed",)), (q, j, ("one-signed",))]
         case ("slope", p, k, j) | ("solving", p, k, j):
             return [(p, k, RISING), (p, j, RISING)]
-        case ("difference", p, q, _, k, j):
+        case ("difference" | "step", p, q, _, k, j):
             return [(p, k, RISING), (p, j, RISING), (q, k, RISING), (q, j, RISING)]
     return []
 

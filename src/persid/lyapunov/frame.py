@@ -6,8 +6,8 @@ With zeta = (x, s, v), x' = G zeta and half the gradient of V equal to E'zeta,
 
 Every unknown is a sum of pairs of rows, in M and in Pt, just as in `inequality`; a pair (p, q) stands for p q' + q p':
     P_ij: (e_i, -g_j - kappa/2 e_j) and its mirror image,     mu: (l'N, -r'G - kappa c r),     tau: (p, -q).
-In discrete time, x+ = G zeta, there is no mu, and M = Gamma + (1 - kappa) I_x P I_x' - G'P G - sum tau (p q' + q p'):
-    P_ij: ((1 - kappa) e_i, e_j) and (-g_i, g_j).
+In discrete time, x+ = G zeta and s+ = s + sigma, z+ = H zeta, and with g+ and dg the form after a step and its rise
+    P_ij: ((1 - kappa) e_i, e_j) and (-h_i, h_j),     mu: (l'N, -kappa c r), (g+, -dy) and (dg, d/2 dg).
 An equation 0 = h'zeta of a model with algebraic variables has a multiplier for every entry of zeta: (e_i, -h).
 With slopes, P is over z = (x, values of functions) and zeta = (x, s, sigma, v), z' = (G zeta, sigma).
 Rows are kept as fractions: which of their products cancel is a question with an exact answer (`zero_rows`).
@@ -25,7 +25,7 @@ from numpy import ndarray
 from scipy import sparse
 
 from persid.lyapunov.pairs import Problem
-from persid.lyapunov.points import Point, Row
+from persid.lyapunov.points import Form, Point, Row
 from persid.lyapunov.unknowns import Label
 from persid_check.model import Model
 
@@ -153,12 +153,21 @@ class Frame:
         """The derivative of the entry of each value that V reads."""
         return {self.places[c]: {at: _ONE} for c, at in self.slopes.items()}
 
+    @cached_property
+    def _next(self) -> dict[int, Row]:
+        """The rows of z after a step."""
+        values = {
+            at: {at: _ONE, sigma: _ONE} for at, sigma in zip(self.z[self.order :], self.slopes.values(), strict=True)
+        }
+        return dict(enumerate(self.flow)) | values
+
     def unknowns(self, kappa: Fraction, *, across: bool) -> list[Unknown]:
         """Return P, densities and facts; those of two channels only `across`."""
         if self.between:
             return [*self._quadratic(kappa), *self._values(), *self._equations()]
         joint = self._across() if across else ()
-        known = (*self._values(), *joint, *self._slopes(), *self._equations(), *self._identities())
+        moving = self._steps(across=across) if self.model.is_discrete else self._slopes()
+        known = (*self._values(), *joint, *moving, *self._equations(), *self._identities())
         return [*self._quadratic(kappa), *self._densities(kappa), *known]
 
     def _equations(self) -> Iterator[Unknown]:
@@ -179,8 +188,8 @@ class Frame:
         """What (1 - kappa) x'P x - x+'P x+ holds of each entry of P."""
         for i, j in combinations_with_replacement(self.z, 2):
             share = _HALF if i == j else _ONE
-            down = {k: -share * v for k, v in self.flow[i].items()}
-            pairs = ({i: (1 - kappa) * share}, {j: _ONE}), (down, self.flow[j])
+            down = {k: -share * v for k, v in self._next[i].items()}
+            pairs = ({i: (1 - kappa) * share}, {j: _ONE}), (down, self._next[j])
             yield Unknown(("P", i, j), pairs, (({i: share}, {j: _ONE}),), multiplier=False)
 
     def _flowing(self, kappa: Fraction) -> Iterator[Unknown]:
@@ -195,17 +204,56 @@ class Frame:
                 yield Unknown(("P", i, j), pairs, ((unit[i], unit[j]),), multiplier=False)
 
     def _densities(self, kappa: Fraction) -> Iterator[Unknown]:
-        for p, point in enumerate(() if self.model.is_discrete else self.points):
+        for p, point in enumerate(self.points):
             if any(i >= self.order for i in point.row):
                 continue
+            steady = point.steady if self.sloped else ()
             for k, form in enumerate(point.forms):
+                if self.model.is_discrete and k not in steady:
+                    continue
                 if np.isfinite(form.c) and any(form.form[1:]):
                     row, d = point.row, Fraction(form.d)
                     if form.square and self.sloped:
                         row, d = point.reads(form.form, self.places), Fraction(form.square)
                     below = {i: d / 2 * r for i, r in row.items()}
-                    pair = (point.reads(form.form, self.places), self.along(point.row, kappa * Fraction(form.c)))
-                    yield Unknown(("mu", p, k), (pair,), ((row, below),) if d else ())
+                    pairs = self._gained(point, k, kappa)
+                    yield Unknown(("mu", p, k), pairs, ((row, below),) if d else ())
+
+    def _gained(self, point: Point, k: int, kappa: Fraction) -> tuple[Pair, ...]:
+        """What V' + kappa W, or V(x+) - V(x) + kappa W, has of the integral of a form, with its sign turned."""
+        form = point.forms[k]
+        g, c = point.reads(form.form, self.places), kappa * Fraction(form.c)
+        if not self.model.is_discrete:
+            return ((g, self.along(point.row, c)),)
+        after, y = (self._after(point, each) for each in (form.form, (1.0, *[0.0] * len(point.channels))))
+        dg, dy = _sum(after, g, -1), _sum(point.row, y, -1)
+        share = {i: Fraction(form.square) / 2 * v for i, v in dg.items()}
+        pairs = (g, {i: -c * v for i, v in point.row.items()}), (after, dy), (dg, share)
+        return tuple(pair for pair, used in zip(pairs, (c, 1, form.square), strict=True) if used)
+
+    def _after(self, point: Point, form: Form) -> Row:
+        """Return a form of a point after a step."""
+        first, *values = (Fraction(v) for v in form)
+        read = [(c, v) for c, v in zip(point.channels, values, strict=True) if v]
+        s = {at[c]: v for at in (self.places, self.slopes) for c, v in read}
+        return _sum(s, self.along(point.row, Fraction(0)), -first)
+
+    def _steps(self, *, across: bool) -> Iterator[Unknown]:
+        """Products of forms of a point after a step, and of its differences from points now."""
+        for (p, here), (q, there) in product(enumerate(self.points if self.sloped else ()), repeat=2):
+            if not here.restricted or (p != q and not (across and self._alike(here, there))):
+                continue
+            signs = [-1] + [0] * (p == q) + [1] * here.is_odd
+            for sign, (k, j) in product(signs, combinations(here.steady, 2)):
+                after = (self._after(here, here.forms[i].form) for i in (k, j))
+                now = (there.reads(here.forms[i].form, self.places) for i in (k, j))
+                rows = (_sum(a, b, sign) for a, b in zip(after, now, strict=True))
+                yield self._fact(("step", p, q, sign, k, j), *rows)
+
+    @staticmethod
+    def _alike(here: Point, there: Point) -> bool:
+        """Whether points stand on one curve with one known centre."""
+        return here.curve == there.curve and (here.curve.shift is None or here.curve.shift[1] == 0)
 
     def _values(self) -> Iterator[Unknown]:
         for p, point in enumerate(self.points):
@@ -239,7 +287,7 @@ class Frame:
                 yield self._fact(("one_signed", p, k, q, j), a, b)
         for p, q in combinations(range(len(self.points)), 2):
             here, there = self.points[p], self.points[q]
-            if here.curve == there.curve and (here.curve.shift is None or here.curve.shift[1] == 0):
+            if self._alike(here, there):
                 signs = (-1, 1) if here.is_odd else (-1,)
                 for sign, (k, j) in product(signs, combinations(here.rising, 2)):
                     yield self._fact(("difference", p, q, sign, k, j), *(self._joint(p, q, sign, i) for i in (k, j)))
@@ -247,14 +295,20 @@ class Frame:
     def _joint(self, p: int, q: int, sign: int, k: int) -> Row:
         """Return l'(Phi_p ± Phi_q)."""
         form = self.points[p].forms[k].form
-        total = dict(self.points[p].reads(form, self.places))
-        for i, v in self.points[q].reads(form, self.places).items():
-            total[i] = total.get(i, Fraction(0)) + sign * v
-        return {i: v for i, v in total.items() if v}
+        first, second = (self.points[i].reads(form, self.places) for i in (p, q))
+        return _sum(first, second, sign)
 
     @staticmethod
     def _fact(label: tuple[object, ...], a: Row, b: Row) -> Unknown:
         return Unknown(label, ((a, {i: -v for i, v in b.items()}),))
+
+
+def _sum(a: Row, b: Row, factor: int | Fraction) -> Row:
+    """Return a + factor b."""
+    total = dict(a)
+    for i, v in b.items():
+        total[i] = total.get(i, Fraction(0)) + factor * v
+    return {i: v for i, v in total.items() if v}
 
 
 @dataclass(frozen=True, eq=False)

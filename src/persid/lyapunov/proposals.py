@@ -30,7 +30,7 @@ from persid.lyapunov.system import Scaling, System, scaling
 from persid.lyapunov.unknowns import Label
 from persid.lyapunov.zero_rows import Solvable, reduced
 
-ACROSS = ("difference", "one_signed")
+ACROSS = ("difference", "one_signed", "step")  # facts of which there may be many
 ROUNDS = 60
 FALL = 0.1  # share to which the complementarity falls in a round
 FEW = 60  # facts across channels with which a problem is small

@@ -157,9 +157,10 @@ def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> list[Way]:
         return ways
     frame = frame_of(setting)
     if asked.model.is_discrete:
-        return [*ways, partial(_by_facts, asked, setting, frame, log)]
-    ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
-    ways.append(partial(_by_products, asked, setting, frame, log))
+        ways.append(partial(_by_facts, asked, setting, frame, log))
+    else:
+        ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
+        ways.append(partial(_by_products, asked, setting, frame, log))
     sloped = with_slopes(setting, frame)
     if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
         ways.append(partial(_by_facts, asked, setting, sloped, log))
@@ -230,7 +231,8 @@ def _may_have_rate(setting: Setting) -> bool:
 
 def _by_facts(asked: Question, setting: Setting, frame: Frame, log: Log) -> Certified | Failure:
     """Certify with facts across channels, and with rows that are exactly zero; slopes or identities, too."""
-    what = "slopes along solutions" if frame.sloped else "facts across functions, rows that are zero"
+    along = "slopes from step to step" if asked.model.is_discrete else "slopes along solutions"
+    what = along if frame.sloped else "facts across functions, rows that are zero"
     what = "products of states that cancel" if frame.identities else what
     with log.attempt(what) as outcome:
         found, fastest = by_facts(About.of(setting), frame, asked.rate, asked.each, log)

@@ -3,6 +3,7 @@
 zeta = (x, s, v, w, sigma), with algebraic variables (z, s, v). Facts and densities are rows over eta = (y of each
 point, s): each costs as much as it has entries; then eta = N zeta, with y_p = r_p'x. Facts about slopes are such rows
 over eta', the derivative of eta along the solution, with y_p' = r_p'G zeta. Sections 3 to 5 of the specification.
+In discrete time sigma is what the values add in a step, and facts about it are rows over y and s now and afterwards.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,7 +20,7 @@ from persid_check.work import spend
 Eta = Mapping[int, Fraction]  # a row over eta: points first, then channels
 Entries = list[tuple[int, int, Fraction]]  # of a sparse matrix: row, column, value
 Weighted = tuple[Eta, Eta, Fraction]  # two factors and the multiplier of their product
-_ZERO = Fraction(0)
+_ZERO, _ONE = Fraction(0), Fraction(1)
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,15 @@ def assemble(ledger: Ledger) -> Assembly:
     size, channels = flow.width + len(ledger.inside), len(ledger.model.channels)
     rows, n, order = [point.row for point in ledger.points], ledger.model.n, ledger.model.order
     z = [*range(order), *(n + c for c in ledger.inside)]  # where the entries of z stand in (x, s)
-    rise = _step_rise(P, flow, size) if ledger.model.is_discrete else _rise(_gradient(ledger, P, rows, z), ledger, flow)
+    discrete = ledger.model.is_discrete
+    rise = _step_rise(ledger, P, flow, z) if discrete else _rise(_gradient(ledger, P, rows, z), ledger, flow)
     products = _lifted(_over_eta(_weighted(ledger)), rows, n, channels)
     share = (-diagonal([ledger.kappa] * P.height) * P).placed(z, size).T.placed(z, size)
     loss = -rise + padded(-products, size) + share + _bounds(ledger, gamma, size)
     if ledger.algebraic is not None:
         loss = loss + -equations(ledger, flow, ledger.algebraic.equations)
+    if discrete and (steps := _over_eta(_weighted_steps(ledger))):
+        loss = loss + -_lifted(steps, _moments(ledger, flow), size, 0)
     if slopes := _over_eta(_weighted_slopes(ledger)):
         loss = loss + -_lifted(slopes, _rows_along(ledger, flow), flow.width, len(ledger.inside))
     if ledger.identity:
@@ -84,9 +88,12 @@ def _rise(gradient: Matrix, ledger: Ledger, flow: Matrix) -> Matrix:
     return half + half.T
 
 
-def _step_rise(P: Matrix, flow: Matrix, size: int) -> Matrix:
-    """Return the form V(x+) - V(x) = zeta'G'P G zeta - x'P x of a step; P is over the states alone."""
-    return flow.T * P * flow + padded(-P, size)
+def _step_rise(ledger: Ledger, P: Matrix, flow: Matrix, z: Sequence[int]) -> Matrix:
+    """Return the form z+'P z+ - z'P z of a step, z+ = (G zeta, s + sigma)."""
+    k, size = len(ledger.inside), flow.width + len(ledger.inside)
+    later = _dense([{n: _ONE, flow.width + i: _ONE} for i, n in enumerate(z[ledger.model.n :])], size)
+    after = blocks([[flow, zeros(flow.height, k)], [later]]) if k else flow
+    return after.T * P * after + -P.placed(z, size).T.placed(z, size)
 
 
 def quadratic(ledger: Ledger) -> Matrix:
@@ -151,8 +158,9 @@ def _times_rows(rows: Sequence[Row], width: int, entries: Entries, height: int) 
 
 
 def _rows_along(ledger: Ledger, flow: Matrix) -> list[Row]:
-    """Return the rows of y_p' = r_p'G zeta, of the points of facts about slopes."""
-    used = sorted({fact.p for fact in ledger.facts if fact.kind == "slope"})
+    """Return the rows of y_p' = r_p'G zeta, of the points of facts about slopes; in discrete time of every y_p+."""
+    sloped = {fact.p for fact in ledger.facts if fact.kind == "slope"}
+    used = range(len(ledger.points)) if ledger.model.is_discrete else sorted(sloped)
     lines = _dense([ledger.points[p].row for p in used], ledger.model.n) * flow
     rows: list[Row] = [{}] * len(ledger.points)
     for i, p in enumerate(used):
@@ -187,7 +195,7 @@ def _over_eta(weighted: Iterable[Weighted]) -> dict[tuple[int, int], Fraction]:
 def _weighted(ledger: Ledger) -> Iterator[Weighted]:
     """The factors of facts with tau, and of kappa sum mu c (e_y l' + l e_y')."""
     for fact in ledger.facts:
-        if fact.tau and fact.kind != "slope":
+        if fact.tau and fact.kind not in ("slope", "step"):
             yield *_factors(ledger, fact), fact.tau
     for p, point in enumerate(ledger.points):
         for k, mu in point.densities if ledger.kappa else ():
@@ -203,6 +211,37 @@ def _weighted_slopes(ledger: Ledger) -> Iterator[Weighted]:
     for fact in ledger.facts:
         if fact.tau and fact.kind == "slope":
             yield _row_inside(ledger, fact.p, fact.k), _row_inside(ledger, fact.p, fact.l), fact.tau
+
+
+def _weighted_steps(ledger: Ledger) -> Iterator[Weighted]:
+    """The factors of facts about a step, and of what integrals rise in it: g(y+) (y+ - y) less d/2 (g(y+) - g(y))^2."""
+    for fact in ledger.facts:
+        if fact.tau and fact.kind == "step":
+            first, second = (_after(ledger, fact.p, k, fact.q, fact.sign) for k in (fact.k, fact.l))
+            yield first, second, fact.tau
+    later = len(ledger.points) + len(ledger.inside)
+    for p, point in enumerate(ledger.points):
+        for k, mu in point.densities:
+            if mu:
+                yield _after(ledger, p, k, p, 0), {later + p: _ONE, p: -_ONE}, mu
+            if mu and ledger.curves[point.curve].is_square(k):
+                gap = _after(ledger, p, k, p, -1)
+                yield gap, gap, -mu * _lower(ledger, p, k)[0] / 2
+
+
+def _after(ledger: Ledger, p: int, k: int, q: int, sign: int) -> Eta:
+    """Return form k at point p after a step plus `sign` times form k at q now, over y and s now, then afterwards."""
+    later = len(ledger.points) + len(ledger.inside)
+    now = _row_inside(ledger, q, k) if sign else {}
+    return {later + i: v for i, v in _row_inside(ledger, p, k).items()} | {i: sign * v for i, v in now.items()}
+
+
+def _moments(ledger: Ledger, flow: Matrix) -> list[Row]:
+    """Return the rows over zeta of every y and of the values that P reads, now, then after a step."""
+    n, W = ledger.model.n, flow.width
+    now = [*(point.row for point in ledger.points), *({n + c: _ONE} for c in ledger.inside)]
+    values = [{n + c: _ONE, W + i: _ONE} for i, c in enumerate(ledger.inside)]
+    return [*now, *_rows_along(ledger, flow), *values]
 
 
 def _row_inside(ledger: Ledger, p: int, k: int) -> Eta:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
 ENTRIES_OF_A_FACT = {"value": 4, "one_signed": 5, "difference": 6, "constant": 3}
-MORE_FACTS = {"slope": 4}  # lists that a file may lack
+MORE_FACTS = {"slope": 4, "step": 6}  # lists that a file may lack
 MAX_FUNCTIONS, MAX_CURVES, MAX_POINTS = 3000, 3000, 10000
 
 FIELDS = (
@@ -206,22 +206,22 @@ def _facts(lists: Mapping[str, Entry], curves: Sequence[Curve], points: Sequence
 
 
 def _fact(kind: str, entries: Sequence[Entry], curves: Sequence[Curve], points: Sequence[Point]) -> Fact:
-    """[p, k, l, tau]; of a difference [p, q, sign, k, l, tau]; one-signed [p, k, q, l, tau]; constant [p, j, tau]."""
+    """[p, k, l, tau]; difference, step [p, q, sign, k, l, tau]; one-signed [p, k, q, l, tau]; constant [p, j, tau]."""
     at, *places, tau = entries
     other, sign = at, 0
     if kind == "one_signed":
         other = places.pop(1)
-    elif kind == "difference":
-        other, sign = places.pop(0), _sign(places.pop(0))
+    elif kind in ("difference", "step"):
+        other, sign = places.pop(0), _sign(places.pop(0), (1, -1, 0) if kind == "step" else (1, -1))
     p, q = at.index(len(points)), other.index(len(points))
     first, second = (_multiplied(kind, curves[points[i].curve]) for i in (p, q))
     k, l = places[0].index(len(first)), places[-1].index(len(second))  # noqa: E741
     return Fact(kind=kind, p=p, q=q, sign=sign, k=k, l=l, tau=tau.nonnegative())
 
 
-def _sign(entry: Entry) -> int:
+def _sign(entry: Entry, signs: Sequence[int]) -> int:
     sign = entry.integer(2)
-    return sign if sign in (1, -1) else entry.refuse("a difference has the sign 1 or -1")
+    return sign if sign in signs else entry.refuse("a difference has the sign 1 or -1, a step 0 as well")
 
 
 def _multiplied(kind: str, curve: Curve) -> Sequence[object]:

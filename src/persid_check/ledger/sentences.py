@@ -324,6 +324,7 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
     if model.algebraic:
         size.insert(1, counted(model.algebraic, "algebraic variable"))
     counts = Counter(fact.kind for fact in ledger.facts)
+    known = "known a step later, too" if model.is_discrete else "locally Lipschitz"
     identity, inside = counted(len(ledger.identity), "product"), counted(len(ledger.inside), "value")
     integrals = counted(sum(len(point.densities) for point in ledger.points), "integral")
     lines = [
@@ -333,7 +334,7 @@ def steps(ledger: Ledger, proved: Proved) -> tuple[str, ...]:
         *(f"3. {counted(counts[kind], 'fact')}, {words}." for kind, words in _FACTS.items() if counts[kind]),
         f"3. {identity} of entries, whose sum is zero as a polynomial (section 12)." * bool(ledger.identity),
         f"4. V = {z}'P {z} + {integrals}; V >= {z}'Pt {z}, Pt assembled exactly.",
-        f"4. z is x and {inside} of functions, each locally Lipschitz." * bool(ledger.inside),
+        f"4. z is x and {inside} of functions, each {known}." * bool(ledger.inside),
         *_of_equations(ledger.algebraic),
         f"5. {len(ledger.dropped)} rows of M are exactly zero." * bool(ledger.dropped),
         f"6. M > 0 on the other {len(proved.kept)} entries: T M T' is strictly diagonally dominant.",
@@ -371,6 +372,7 @@ _FACTS = {
     "difference": "products of two nondecreasing forms of a difference of two points",
     "constant": "products of two forms with a constant",
     "slope": "products of two nondecreasing forms of a point's derivative along the solution",
+    "step": "products of two forms of a point after a step, or of its difference from a point now",
 }
 _CONCLUSIONS = {
     "iss": "So V' <= -t |x|^2 + v'Gamma v + ...: V is an ISS-Lyapunov function.",

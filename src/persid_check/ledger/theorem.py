@@ -83,13 +83,13 @@ def _numbers(ledger: Ledger) -> None:
 
 
 def _discrete_numbers(ledger: Ledger) -> None:
-    """In discrete time V = x'P x shrinks to a share 1 - kappa, and every state is kept (section 10)."""
+    """In discrete time V shrinks to a share 1 - kappa, and every state is kept (section 10)."""
     require(ledger.kappa < 1, "kappa", "in discrete time it is less than 1")
     drops = any(i < ledger.model.n for i in ledger.dropped) or ledger.spanning
     require(not drops, "dropped", "in discrete time no state is dropped")
-    integrals = any(mu for point in ledger.points for _, mu in point.densities)
-    require(not integrals, "points", "in discrete time V has no integrals: every density is 0")
-    require(not ledger.has_slopes, "P", "in discrete time P is over the states, and no fact is about slopes")
+    once = len({c for point in ledger.points for c in point.channels}) == sum(len(p.channels) for p in ledger.points)
+    known = once or not ledger.inside or ledger.claim != "region"
+    require(known, "points", "where a region reads values after a step each channel stands at one point")
 
 
 def _equilibrium(ledger: Ledger) -> None:
@@ -211,14 +211,18 @@ def _fact(ledger: Ledger, fact: Fact, where: str) -> None:
         return
     forms = curves[0].forms[fact.k], curves[1].forms[fact.l]
     rising, same = all(form.kind in RISING for form in forms), points[0].curve == points[1].curve
-    if fact.kind == "value":
-        require(all(curves[0].is_sector(k) for k in (fact.k, fact.l)), where, "both forms must be sector forms")
+    timely = fact.kind != ("slope" if ledger.model.is_discrete else "step")
+    require(timely, where, "slopes are facts in continuous time, steps in discrete time")
+    if fact.kind in ("value", "step") and not fact.sign:
+        sector = fact.p == fact.q and all(curves[0].is_sector(k) for k in (fact.k, fact.l))
+        require(sector, where, "both forms must be sector forms, of one point")
     if fact.kind == "one_signed":
         require(all(form.kind == "one-signed" for form in forms), where, "both forms must be one-signed")
     if fact.kind == "slope":
         require(rising, where, "both forms must be nondecreasing")
-    if fact.kind == "difference":
+    if fact.sign:
         require(same and rising, where, "two points of one curve and nondecreasing forms are needed")
+    if fact.kind == "difference" or fact.sign > 0 or (fact.sign and fact.p != fact.q):
         _equal_centres(ledger, curves[0], points, fact.sign, where)
 
 
@@ -239,18 +243,20 @@ def _densities(ledger: Ledger, p: int, point: Point) -> None:
         form, where = curve.forms[k], f"points[{p}].densities, form {k}"
         bounded = form.lower is not None or curve.is_sector(k) or form.kind == "offset"
         require(bounded, where, "a density is a sector form, or has an offset or a lower bound")
+        rises = form.kind in RISING or not ledger.model.is_discrete
+        require(rises, where, "in discrete time a density is nondecreasing")
         below = form.offset if form.lower is None else curve.forms[form.lower[1]].offset
         above = _ZERO if form.upper is None else form.upper.e
         require(offset or not (below or above), where, "offsets belong to claim practical")
 
 
 def _values(ledger: Ledger, p: int, point: Point) -> None:
-    """Channels whose values P reads are locally Lipschitz, so that they have a derivative, and vanish at x*."""
-    curve = ledger.curves[point.curve]
+    """Channels whose values P reads vanish at x*; in continuous time they are locally Lipschitz: they have slopes."""
+    curve, slopes = ledger.curves[point.curve], not ledger.model.is_discrete
     for c, function in zip(point.channels, curve.functions, strict=True):
         if c in ledger.inside_at:
             where = f"P.channels, channel {c}"
-            reason = discontinuous((function,), curve.continuous, _ends(curve), lipschitz=True)
+            reason = discontinuous((function,), curve.continuous, _ends(curve), lipschitz=slopes)
             require(not reason, where, f"no proof that it is locally Lipschitz: {reason}")
             free = ledger.claim == "practical" or curve.shift is not None
             require(free or vanishes((function,), (_ZERO, _ONE)), where, "it is not 0 at the operating point")

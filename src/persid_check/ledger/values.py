@@ -98,7 +98,7 @@ class Fact:
     """A multiple of the product of form k at point p and form l at point q.
 
     sign 0: (l_k'Phi_p)(l_l'Phi_q); sign +1 or -1: both forms of Phi_p + sign Phi_q. `constant`: products[k] of p.
-    `slope`: both forms of the derivative of Phi_p along the solution.
+    `slope`: both forms of the derivative of Phi_p along the solution. `step`: of Phi_p after a step plus sign Phi_q.
     """
 
     kind: str
