@@ -77,7 +77,16 @@ def test_one_equilibrium_for_every_constant_input(u: float) -> None:
 def test_every_operating_point_needs_nondecreasing_forms() -> None:
     """Differences, one-signed forms, deviations and sector forms forgo the sentence about every equilibrium."""
     assert "every equilibrium" in check(data(known_ledgers.load("g_ball"))).statement
-    for name in ("difference", "one_signed", "plant", "region", "practical", "m_cubes", "slopes"):
+    for name in (
+        "difference",
+        "one_signed",
+        "plant",
+        "region",
+        "practical",
+        "m_cubes",
+        "slopes",
+        "steps_values_of_kinks",
+    ):
         assert "every equilibrium" not in check(data(known_ledgers.load(name))).statement
 
 

@@ -277,7 +277,7 @@ def _disfigured(content: Any, path: tuple[Any, ...], new: Any) -> Any:
     return changed
 
 
-@pytest.mark.parametrize("name", ["spring", "region", "plant", "g_ball", "one_signed", "slopes"])
+@pytest.mark.parametrize("name", ["spring", "region", "plant", "g_ball", "one_signed", "slopes", "steps_values_region"])
 def test_a_wrong_type_anywhere_is_answered(name: str) -> None:
     """A value of another type, size or depth at any place is answered, never a traceback, and quickly."""
     choose, content = random.Random(name), known_ledgers.load(name)

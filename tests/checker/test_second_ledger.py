@@ -49,7 +49,7 @@ def test_both_agree_on_mutants() -> None:
     """Both agree on a sample of changed numbers of the supported ledgers, cuts left as they are."""
     choose, files = random.Random(7), {}
     for name in ("difference", "incremental", "rated", "plant", "g_mixed_pair", "g_full", "e_gains", "g_rows_dropped",
-                 "steps_network", "steps_plant", "slopes"):  # fmt: skip
+                 "steps_network", "steps_plant", "slopes", "steps_values", "steps_values_apart"):  # fmt: skip
         for path, new, mutant in mutants(known_ledgers.load(name)):
             if path[0] != "model" and not {"cuts", "continuous"} & set(path) and choose.random() < 0.06:
                 files[f"{name} {path} {new}"] = data(mutant)

@@ -88,7 +88,53 @@ def test_accepted_random_models_settle_of_two_thousand() -> None:
     assert _random(2000, (1, 2, 3, 4), seed=3)["Accepted"] > 200
 
 
-@pytest.mark.parametrize("name", ["steps_network", "steps_ball", "steps_region"])
+_SLOPED = ("tanh(x)", "sat(x)", "relu(x)", "deadzone(x)", "softsign(x)", "softplus(x)-0.6931471805599453", "sin(x)",
+           "pwl(x; -1: -0.5, 0: 0, 2: 0.25, 3: 1.25)", "expm1(x)")  # fmt: skip
+
+
+def _loop(choose: random.Random) -> Sketch:
+    """A plant of two or three states in a loop with a function, which mostly has slopes from 0 to 1, values in V."""
+    n, f, k = choose.choice((2, 3)), choose.choice(_SLOPED), choose.choice((0.125, 0.5, 2.0))
+    rng = np.random.default_rng(choose.randrange(10**6))
+    A0 = rng.normal(size=(n, n))
+    A0 = (A0 * choose.uniform(0.3, 1.02) / np.abs(np.linalg.eigvals(A0)).max()).round(3)
+    row, column = (k * rng.normal(size=n)).round(3), rng.normal(size=(n, 1)).round(3)
+    model = steps_model([(f, [row.tolist()], column.tolist())], A0.tolist(), np.eye(n)[:, :1].tolist(), n=n)
+    kappa = choose.choice((0, Fraction(1, 32)))
+    bounds = [{"upper": (1, 0), "lower": (1, j)} if choose.random() < 0.8 else {"upper": (1, 0)} for j in (1, 0)]
+    forms = curve([(f, 1)], ((0, 1), "nondecreasing", bounds[0]), ((1, -1), "nondecreasing", bounds[1]))
+    at = point(0, {i: v for i, v in enumerate(row.tolist()) if v}, [0], [0, 1])
+    signs = (-1, 0, 1) if f in ("tanh(x)", "sat(x)", "deadzone(x)", "softsign(x)") else (-1, 0)
+    facts = [("value", 0, 0, 1), *(("step", 0, 0, sign, 0, 1) for sign in signs), ("step", 0, 0, -1, 0, 0)]
+    return Sketch(model, [forms], [at], facts, "rate-and-gain" if kappa else "iss", kappa, inside=(0,))
+
+
+@pytest.mark.long
+def test_accepted_loops_in_steps_settle() -> None:
+    """Of random loops with values and integrals in V, every one that is accepted settles, and its bounds hold."""
+    assert outcomes(_loop, _settles, 60, seed=1)["Accepted"] >= 8
+
+
+@pytest.mark.slow
+def test_accepted_loops_in_steps_settle_of_three_thousand() -> None:
+    """The same for 3,000 loops."""
+    assert outcomes(_loop, _settles, 3000, seed=2)["Accepted"] > 400
+
+
+def test_integrals_rise_no_more_in_a_step_than_is_said() -> None:
+    """Between any two arguments the integral of a function of slopes in [0, 1] rises no more than its bound (I)."""
+    y, after = 2 * np.random.default_rng(0).normal(size=(2, 20000))
+    for f, F in (
+        (np.tanh, lambda t: np.log(np.cosh(t))),
+        (lambda t: np.clip(t, -1, 1), lambda t: np.where(np.abs(t) < 1, t * t / 2, np.abs(t) - 0.5)),
+        (lambda t: np.maximum(t, 0), lambda t: np.maximum(t, 0) ** 2 / 2),
+    ):
+        rise, square = F(after) - F(y), (f(after) - f(y)) ** 2 / 2
+        assert (rise <= f(after) * (after - y) - square + 1e-12).all()
+        assert (rise > f(after) * (after - y) - 1.05 * square).any()  # no larger d would do
+
+
+@pytest.mark.parametrize("name", ["steps_network", "steps_ball", "steps_region", "steps_values_of_kinks"])
 def test_sequences_obey_the_printed_bound(name: str) -> None:
     """|x_k - x*| stays below its bound in every step, for inputs as large as are admitted and chosen at random."""
     content = known_ledgers.load(name)
