@@ -38,8 +38,8 @@ def certify(
     """Decide whether a model is input-to-state stable about its operating point.
 
     Global questions are tried first: what refutes, then a Lyapunov function on all of R^n, its rate and gain. Where
-    these leave a model undecided that has a box of data, a region inside that box is certified. In discrete time V is
-    quadratic, and a rate is also a share that is left after each step: certificate.contraction.
+    these leave a model undecided that has a box of data, a region inside that box is certified. In discrete time a rate
+    is also a share that is left after each step: certificate.contraction.
 
     Args:
         model: the model; the verdict is about it, not about the plant. The certificate of an OutputModel bounds every
