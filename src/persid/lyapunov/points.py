@@ -27,6 +27,7 @@ from persid.lyapunov.sectors import (
     groups,
     nondecreasing_pool,
     pool,
+    sectors_alone,
     sizes,
 )
 from persid.models.model import PersidskiiModel
@@ -144,7 +145,7 @@ def known(curve: Curve) -> tuple[Known, ...]:
     if curve.fixed:
         return ()
     listed: list[Form] = []
-    for form in (*axes(curve), *nondecreasing_pool(curve)[-FORMS // 2 :], *pool(curve)):
+    for form in (*axes(curve), *sectors_alone(curve), *nondecreasing_pool(curve)[-FORMS // 2 :], *pool(curve)):
         if len(listed) < FORMS and not _is_near(form, tuple(listed), sizes(curve)):
             listed.append(form)
     forms = np.array(listed, float).reshape(-1, curve.size)

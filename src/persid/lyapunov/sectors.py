@@ -7,7 +7,7 @@ a little, rounded to dyadic rationals, and believed only when `persid_check` has
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -347,6 +347,20 @@ def axes(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return the functions of a curve, and y, that look like sector functions themselves: the paper's only forms."""
     samples = _samples(curve, FINE_SAMPLES, False)
     return tuple(tuple(row) for row in np.eye(curve.size)[(samples >= 0).all(axis=0)].tolist())
+
+
+@lru_cache(maxsize=512)
+def sectors_alone(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return the sector of each function by itself, where it stands beside others.
+
+    On a narrow strip the hull of all of them is almost flat, sin(y) beside y and y**3: its facets, relaxed, then no
+    longer bound a single function.
+    """
+    found = []
+    for j, function in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
+        alone = replace(curve, functions=function[:1], factors=function[1:])
+        found += [(form[0], *((j - 1) * (0.0,)), form[1], *((curve.size - 1 - j) * (0.0,))) for form in pool(alone)]
+    return tuple(found) if curve.size > 2 else ()
 
 
 def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[float, ...], ...]:

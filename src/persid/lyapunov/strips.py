@@ -36,6 +36,7 @@ PATIENCE = 3  # times that wider strips may give a smaller region
 FACTORS = (1.4, 1.1, 1.02, 1.005)  # by which single widths change
 GAIN = 1.002  # of the volume that is worth another width
 CLOSE = 0.01  # of the mean of V: how near to the smallest one it comes, and so what room is left inside
+PARALLEL = 1 - 1e-9  # the cosine between rows of one direction
 NARROW = 0.05  # first widths, in units of the functions
 Widths = tuple[float, ...]
 
@@ -178,13 +179,18 @@ class Search:
         for factor in FACTORS:
             changed = True
             while changed and self.left() > 0:
-                changed = any([self._changes(g, factor) for g in range(len(reach))])
+                changed = any([self._changes(strips, factor) for strips in self._along()])
         return self.best
 
-    def _changes(self, g: int, factor: float) -> bool:
-        """Whether another width of one strip makes the region larger."""
+    def _along(self) -> list[frozenset[int]]:
+        """Return the strips of one direction each: the narrower one of two parallel strips alone would be felt."""
+        unit = self.rows / np.linalg.norm(self.rows, axis=1, keepdims=True)
+        return list(dict.fromkeys(frozenset(np.flatnonzero(abs(unit @ row) > PARALLEL).tolist()) for row in unit))
+
+    def _changes(self, strips: frozenset[int], factor: float) -> bool:
+        """Whether another width of strips of one direction makes the region larger."""
         for by in (factor, 1 / factor):
-            widths = tuple(h * by if k == g else h for k, h in enumerate(self.widths))
+            widths = tuple(h * by if k in strips else h for k, h in enumerate(self.widths))
             if self.best is not None and self.left() > 0 and self.tries(widths):
                 return True
         return False
