@@ -1,6 +1,7 @@
 """Ledgers that must be accepted, one for each kind of fact and conclusion, each with the reason why it is true."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -159,6 +160,17 @@ def lookup() -> Certificate:
     return solved(Sketch(model, [forms], points, facts, "rate-and-gain", Fraction(1, 8)))
 
 
+def mirrored() -> Certificate:
+    """x' = -2 x + 1.9 (relu(x) - relu(-x)) + u, that is -x/10 + u: relu(-y) stands beside relu(y), its factor -1."""
+    terms = [("relu(x)", [[1]], [[1.9]]), ("relu(x)", [[-1]], [[-1.9]])]
+    ones = [(1, 0, 0), (0, 1, 0), (1, -1, 0), (0, 0, -1), (1, 0, 1), (1, -1, 1), (-1, 1, -1)]
+    forms = curve([("relu(x)", 1), ("relu(x)", -1)], *((l, "nondecreasing") for l in ones))
+    pairs = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (3, 4), (5, 6)]
+    facts = [("value", 0, k, j) for k, j in pairs]
+    sketch = Sketch(model_object(terms, [[-2]], [[1]], n=1), [forms], [point(0, {0: 1}, [0, 1], [])], facts)
+    return solved(replace(sketch, claim="rate-and-gain", kappa=Fraction(1, 16)))
+
+
 def lure(f: str = "tanh(x)", **more: Any) -> Sketch:
     """A plant in a loop with a function of slopes 0 to 2: integrals and products prove it up to 1.76."""
     A0, row = [[-2.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, -0.4, -0.2]
@@ -185,7 +197,7 @@ OWN: dict[str, Callable[[], Certificate]] = {
     made.__name__: made
     for made in (
         spring, difference, one_signed, incremental, rated, plant, outputs, region, ball, practical, below,
-        lookup, slopes, slopes_of_kinks, *known_steps.MAKERS,
+        lookup, mirrored, slopes, slopes_of_kinks, *known_steps.MAKERS,
     )
 } | {f"identity_{name}": made for name, made in identities.MAKERS.items()}  # fmt: skip
 TRANSLATED = tuple(name for name in named.MAKERS if name[:2] in ("g_", "m_", "e_", "r_"))

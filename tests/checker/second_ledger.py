@@ -333,7 +333,7 @@ class _Point:
         _require(len(self.channels) == len(self.members), "channels")
         for c, (text, alpha) in zip(self.channels, self.members, strict=True):
             known, row, _ = channels[_index(c, channels)]
-            _require(known.replace(" ", "") == text and alpha > 0 and row == [alpha * r for r in self.row], "channel")
+            _require(known.replace(" ", "") == text and alpha != 0 and row == [alpha * r for r in self.row], "channel")
         for k in range(len(self.curve["forms"])):
             self.prove(k)
 

@@ -43,6 +43,19 @@ def test_a_forged_ledger_is_refused(falsehood) -> None:
     assert result.why
 
 
+def test_a_point_may_look_either_way() -> None:
+    """Row, factors and odd places of the forms with the other sign are the same point: both files are accepted."""
+    content = copy.deepcopy(known_ledgers.load("mirrored"))
+    content["points"][0]["row"] = [[0, [-1, 0]]]
+    for function, sign in zip(content["curves"][0]["functions"], (-1, 1), strict=True):
+        function[1] = [sign, 0]
+    for form in content["curves"][0]["forms"]:  # (r -> -r, l'phi -> -l'phi) in l_0 y + l_1 f(y) + l_2 f(-y)
+        form["l"] = [form["l"][0], *([-value, e] for value, e in form["l"][1:])]
+        form["cuts"][1] = [-cut for cut in form["cuts"][1][::-1]]
+    content["curves"][0]["continuous"][1] = [-cut for cut in content["curves"][0]["continuous"][1][::-1]]
+    assert isinstance(check(data(content)), Accepted)
+
+
 def test_forgeries_are_many_and_different() -> None:
     """The table of forgeries holds more than 150 rows with different names."""
     assert len({falsehood.name for falsehood in FALSEHOODS}) == len(FALSEHOODS) >= 150

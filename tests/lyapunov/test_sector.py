@@ -5,7 +5,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from persid.lyapunov.sectors import POOL_SIZE, Curve, groups, nondecreasing_pool, pool, slope_forms
+from persid.lyapunov.sectors import (
+    POOL_SIZE,
+    Curve,
+    groups,
+    nondecreasing_pool,
+    pool,
+    sectors_alone,
+    slope_forms,
+)
 from persid.models.model import PersidskiiModel
 
 
@@ -72,13 +80,27 @@ def test_pool_holds_what_dominates() -> None:
     assert slope.min() < 1e-2
 
 
-def test_rows_with_a_positive_factor_are_one_group() -> None:
-    """Rows 1 and 2 join, row -1 does not, and the factor goes into the function's argument."""
+def test_rows_of_one_direction_are_one_group() -> None:
+    """Rows 1, 2 and -1 join, and the factor goes into the function's argument, with its sign."""
     terms = [("tanh(x)", [[1.0]], [[-1.0]]), ("x**3", [[2.0]], [[-1.0]]), ("tanh(x)", [[-1.0]], [[1.0]])]
     found = groups(PersidskiiModel([[0.0]], terms, [[1.0]]).channels)
-    assert [g.members for g in found] == [(0, 1), (2,)]
-    assert found[0].curve.factors == (1, 2)
-    np.testing.assert_array_equal(found[1].row, [-1.0])
+    assert [g.members for g in found] == [(0, 1, 2)]
+    assert found[0].curve.factors == (1, 2, -1)
+    np.testing.assert_array_equal(found[0].row, [1.0])
+
+
+def test_the_slopes_of_a_mirrored_function_are_exact() -> None:
+    """Slopes of softplus(-2 y) lie between -2 and 0: softplus(-2 y) + 2 y rises, and so does its negative."""
+    assert set(slope_forms(Curve(("softplus(x)",), (Fraction(-2),)))) == {(2.0, 1.0), (0.0, -1.0)}
+
+
+def test_narrow_strips_leave_each_function_its_sector() -> None:
+    """On |y| <= .05 the hull of (y, sin y, -y^3) is almost flat; y / 400 + (-y^3) >= 0 is still among its forms."""
+    flat = Curve(("sin(x)", "-x**3"), (Fraction(1), Fraction(1)), (Fraction(-1, 20), Fraction(1, 20)))
+    forms = np.array(sectors_alone(flat))
+    assert all(flat.proves(form) for form in forms)
+    bounds = forms[(forms[:, 1] == 0) & (forms[:, 2] > 0)]
+    assert (bounds[:, 0] / bounds[:, 2]).min() == pytest.approx(1 / 400, rel=0.01)
 
 
 def test_channels_without_effect_leave_the_curve() -> None:

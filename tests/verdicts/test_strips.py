@@ -62,3 +62,11 @@ def test_a_region_of_strips_bounds_the_outputs() -> None:
     bound = certificate.output_bound([1.0, 0.0], 0.0, t)
     run = pendulum.simulate([1.0, 0.0], t, np.zeros((201, 1)))[0]
     assert (np.abs(run.x[:, :1]) <= bound).all()
+
+
+def test_functions_of_one_argument_keep_their_own_bounds_on_narrow_strips() -> None:
+    """x' = -2 sin x + x^3 / 2 - x / (10 (1 + x)), read in both directions, is certified on almost all of |x| < 1."""
+    terms = [("sin(x)", [[-1.0], [1.0]], [[1.0, -1.0]]), ("-x**3", [[-0.8]], [[1.0]]), ("x/(1+x)", None, [[-0.1]])]
+    certificate = ps.certify(ps.PersidskiiModel([[-0.5]], terms, [[1.0]]), domain="auto").certificate
+    assert bounds.is_in_region(certificate.stated, np.array([-0.9]))
+    assert not bounds.is_in_region(certificate.stated, np.array([-1.0]))

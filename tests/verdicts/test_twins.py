@@ -48,6 +48,15 @@ def test_a_negative_row_of_one_state_keeps_its_rate() -> None:
     assert verdict.certificate.rate == pytest.approx(0.4866, rel=0.02)
 
 
+@pytest.mark.parametrize("row", [1.0, -1.0])
+def test_functions_of_opposite_arguments_are_seen_together(row: float) -> None:
+    """relu(y) - relu(-y) is y, whichever way the rows look: x' = -2 x + 1.9 y has the rate .1."""
+    terms = [("relu(x)", [[row]], [[1.9 * row]]), ("relu(x)", [[-row]], [[-1.9 * row]])]
+    verdict = ps.certify(ps.PersidskiiModel([[-2.0]], terms, [[1.0]]))
+    assert isinstance(verdict, ps.Certified)
+    assert 0.09 < (verdict.best_rate or 0.0) <= 0.1
+
+
 @pytest.mark.parametrize("f", ["tanh(x)", "cos(x)"])
 @pytest.mark.long
 def test_a_row_of_zeros_is_a_constant(f: str) -> None:

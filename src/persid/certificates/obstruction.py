@@ -50,7 +50,8 @@ class Obstruction:
 def find_obstruction(model: PersidskiiModel, outcome: Outcome) -> Obstruction | None:
     """Return the obstruction that the dual matrix of an infeasible search is, if the checker accepts it."""
     system, full = outcome.assembly.unknowns.system, outcome.assembly.problem.symmetric > 0
-    if model.is_discrete or outcome.assembly.unknowns.target.kappa or len(system.states) < model.n:
+    mirrored = any(factor < 0 for group in system.groups for factor in group.curve.factors)
+    if mirrored or model.is_discrete or outcome.assembly.unknowns.target.kappa or len(system.states) < model.n:
         return None
     try:
         L = _factor(outcome)

@@ -130,6 +130,11 @@ def _sums(frame: Frame, point: Point) -> Iterator[Form]:
             yield tuple(column.tolist())
 
 
+def _steepest(curve: Curve) -> float:
+    """Return the largest |a| of the functions f(a y)."""
+    return max((abs(float(factor)) for factor in curve.factors), default=1.0)
+
+
 @lru_cache(maxsize=4096)
 def split_forms(curve: Curve, sums: tuple[Form, ...], r: float) -> tuple[Known, ...]:
     """Return forms of each sum g = a'f, as a function with slopes within a sector beyond r and a bounded part.
@@ -137,7 +142,7 @@ def split_forms(curve: Curve, sums: tuple[Form, ...], r: float) -> tuple[Known, 
     Beyond r, low <= g(y)/y <= high: g - low y and high y - g have the sign of y there.
     """
     y, phi, integral = _sampled_once(curve)
-    far = np.abs(y) >= r / max(map(float, curve.factors), default=1.0)
+    far = np.abs(y) >= r / _steepest(curve)
     found = list[Known | None]()
     for a in sums:
         slopes = (phi[far, 1:] @ np.array(a)) / y[far]
@@ -153,7 +158,7 @@ def far_forms(curve: Curve, r: float) -> tuple[Known, ...]:
     if curve.fixed:
         return ()
     y, phi, integral = _sampled_once(curve)
-    unit, far = sizes(curve), np.abs(y) >= r / max(map(float, curve.factors), default=1.0)
+    unit, far = sizes(curve), np.abs(y) >= r / _steepest(curve)
     V = _directions((np.sign(y)[:, None] * phi / unit)[far])
     deepest = _interior(V)
     if not len(V) or (V @ deepest).min() <= 0:

@@ -1,6 +1,6 @@
 """Groups of channels and their sector forms: what a proof may use about the functions of a model.
 
-Channels whose argument rows agree up to a positive factor form a group with phi(y) = (y, f_1(a_1 y), …, f_J(a_J y)).
+Channels whose argument rows agree up to a factor form a group with phi(y) = (y, f_1(a_1 y), …, f_J(a_J y)).
 A *sector form* is a vector l with y * l'phi(y) >= 0 on the domain. The forms of a group are the dual cone of the curve
 sign(y) phi(y), so the sharpest ones are the facets of its conic hull. They are found here in floating point, relaxed
 a little, rounded to dyadic rationals, and believed only when `persid_check` has proved them.
@@ -142,7 +142,7 @@ def groups(channels: Channels, place: Place | None = None) -> tuple[Group, ...]:
     joined: dict[tuple[tuple[int, Fraction], ...], list[tuple[int, Fraction]]] = {}
     for c, row in enumerate(channels.rows):
         support = np.flatnonzero(row)
-        size = abs(Fraction(float(row[support[0]]))) if len(support) else Fraction(1)
+        size = Fraction(float(row[support[0]])) if len(support) else Fraction(1)
         key = tuple((int(i), Fraction(float(row[i])) / size) for i in support)
         joined.setdefault(key, []).append((c, size))
     active = np.abs(channels.columns).sum(axis=0) > 0
@@ -290,11 +290,13 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return f_j - s y and S y - f_j for functions whose slopes are proved to lie in [s, S], on all of R.
 
     Facets have to be relaxed to be proved. These are not: a neuron tanh(x + b) keeps its sector from 0 to 1, and where
-    a model leaves little room that decides. The slopes of f_j(a y) are a times those of f_j, rounded outwards.
+    a model leaves little room that decides. The slopes of f_j(a y) are a times those of f_j, rounded outwards; a < 0 turns
+    their order.
     """
     found = []
     for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
-        for slope, sign in zip(_slopes(text), (1.0, -1.0), strict=True):
+        least, most = _slopes(text)[:: 1 if factor > 0 else -1]
+        for slope, sign in ((least, 1.0), (most, -1.0)):
             if not np.isfinite(slope):
                 continue
             form = (_above(-Fraction(sign * slope) * factor), sign)

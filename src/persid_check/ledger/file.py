@@ -134,7 +134,7 @@ def _function(entry: Entry) -> tuple[Program, Fraction]:
     text, factor = entry.items(2)
     text.text(MAX_LENGTH_WITH_TABLES)
     alpha = factor.dyadic()
-    factor.require(alpha > 0, "a factor is positive")
+    factor.require(alpha != 0, "a factor is not 0")
     return text.program(), alpha
 
 

@@ -221,7 +221,8 @@ def prove_continuous(curve: Curve, domain: Domain = None, shift: Shift = None) -
     for program, alpha in curve:
         ends = None
         if domain is not None:
-            ends = (alpha * (center - radius + domain[0]), alpha * (center + radius + domain[1]))
+            low, high = sorted(alpha * end for end in (center - radius + domain[0], center + radius + domain[1]))
+            ends = (low, high)
         if not _continuous(program, ends):
             return False
     return True
