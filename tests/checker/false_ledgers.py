@@ -148,14 +148,21 @@ _set("other_function", V, R, "the curve has another function", (("curves", 0, "f
 _set("other_factor", V, R, "the row is not a multiple", (("curves", 0, "functions", 0, 1), [2, 0]))
 _set("negative_factor", V, R, "the row is not this multiple", (("curves", 0, "functions", 0, 1), [-1, 0]))
 _set("no_factor", V, M, "a factor is not 0", (("curves", 0, "functions", 0, 1), [0, 0]))
-_set("mirrored_twice", "mirrored", R, "the row of relu(-y) is not that of relu(y)", (("curves", 0, "functions", 1, 1), [1, 0]))
+_set("mirrored_twice", "mirrored", R, "relu(-y) is not relu(y)", (("curves", 0, "functions", 1, 1), [1, 0]))
 _set("mirrored_none", "mirrored", R, "both rows are -1", (("curves", 0, "functions", 0, 1), [-1, 0]))
 _set("mirrored_row", "mirrored", R, "the point looks the other way", (("points", 0, "row"), [[0, [-1, 0]]]))
 _set("mirrored_exchanged", "mirrored", R, "each channel has the other's row", (("points", 0, "channels"), [1, 0]))
 _set("mirrored_sign", "mirrored", R, "relu(-y) falls", (("curves", 0, "forms", 3, "l", 2), [1, 0]))
 _set("mirrored_sum", "mirrored", R, "|y| - y falls", (("curves", 0, "forms", 6, "l", 2), [1, 0]))
-_set("mirrored_odd", "mirrored", R, "relu(-y) is not -relu(y)", (("curves", 0, "forms", 4, "l", 2), [-1, 0]),
-     (("curves", 0, "forms", 4, "is"), "sector"), (("curves", 0, "forms", 4, "l", 0), [-1, 0]))
+_set(
+    "mirrored_odd",
+    "mirrored",
+    R,
+    "relu(-y) is not -relu(y)",
+    (("curves", 0, "forms", 4, "l", 2), [-1, 0]),
+    (("curves", 0, "forms", 4, "is"), "sector"),
+    (("curves", 0, "forms", 4, "l", 0), [-1, 0]),
+)
 _set("other_row", V, R, "the row of another channel", (("points", 0, "row"), [[1, [1, 0]]]))
 _set("other_channel", V, R, "the channel of another row", (("points", 0, "channels", 0), 1))
 _set("no_row", V, R, "an empty row", (("points", 0, "row"), []))

@@ -164,7 +164,7 @@ def mirrored() -> Certificate:
     """x' = -2 x + 1.9 (relu(x) - relu(-x)) + u, that is -x/10 + u: relu(-y) stands beside relu(y), its factor -1."""
     terms = [("relu(x)", [[1]], [[1.9]]), ("relu(x)", [[-1]], [[-1.9]])]
     ones = [(1, 0, 0), (0, 1, 0), (1, -1, 0), (0, 0, -1), (1, 0, 1), (1, -1, 1), (-1, 1, -1)]
-    forms = curve([("relu(x)", 1), ("relu(x)", -1)], *((l, "nondecreasing") for l in ones))
+    forms = curve([("relu(x)", 1), ("relu(x)", -1)], *((form, "nondecreasing") for form in ones))
     pairs = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (3, 4), (5, 6)]
     facts = [("value", 0, k, j) for k, j in pairs]
     sketch = Sketch(model_object(terms, [[-2]], [[1]], n=1), [forms], [point(0, {0: 1}, [0, 1], [])], facts)

@@ -290,8 +290,8 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return f_j - s y and S y - f_j for functions whose slopes are proved to lie in [s, S], on all of R.
 
     Facets have to be relaxed to be proved. These are not: a neuron tanh(x + b) keeps its sector from 0 to 1, and where
-    a model leaves little room that decides. The slopes of f_j(a y) are a times those of f_j, rounded outwards; a < 0 turns
-    their order.
+    a model leaves little room that decides. The slopes of f_j(a y) are a times those of f_j, rounded outwards; where
+    a < 0 their order turns.
     """
     found = []
     for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
