@@ -50,8 +50,8 @@ def test_a_negative_row_of_one_state_keeps_its_rate() -> None:
 
 @pytest.mark.parametrize("row", [1.0, -1.0])
 def test_functions_of_opposite_arguments_are_seen_together(row: float) -> None:
-    """relu(y) - relu(-y) is y, whichever way the rows look: x' = -2 x + 1.9 y has the rate .1."""
-    terms = [("relu(x)", [[row]], [[1.9 * row]]), ("relu(x)", [[-row]], [[-1.9 * row]])]
+    """softplus(y) - softplus(-y) is y, whichever way the rows look: x' = -2 x + 1.9 y has the rate .1."""
+    terms = [("softplus(x)", [[row]], [[1.9 * row]]), ("softplus(x)", [[-row]], [[-1.9 * row]])]
     verdict = ps.certify(ps.PersidskiiModel([[-2.0]], terms, [[1.0]]))
     assert isinstance(verdict, ps.Certified)
     assert 0.09 < (verdict.best_rate or 0.0) <= 0.1
