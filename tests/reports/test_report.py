@@ -101,6 +101,18 @@ class Outline(HTMLParser):
             self.unlabelled.append(tag)
 
 
+@pytest.mark.long
+def test_matrix_names_the_values_that_V_reads(tmp_path: Path) -> None:
+    """Where V reads values of functions, the matrix of the page has a row and a column for each of them."""
+    A0 = [[-2.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    loop = ps.PersidskiiModel(A0, [("tanh(x)", [[4.0, -0.8, -0.4]], [[-1.0], [0.0], [0.0]])], [[1.0], [0.0], [0.0]])
+    found = results(ps.certify(loop, time_limit=10).certificate)
+    report.write_report(found, tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert '<tr><th scope="row">s1 = tanh(x)</th>' in text
+    assert len(re.findall("<th scope=.col.>(?:x1|x2|x3|s1 = tanh.x.)</th>", text.split("Matrix P of")[1])) == 4
+
+
 def test_page_says_the_verdict_and_its_limits(page: str, certified: Results) -> None:
     """The page gives the verdict with its scope, the checker's words, and what is not claimed."""
     assert "Certified: the model is input-to-state stable, globally" in page
