@@ -163,8 +163,10 @@ def test_format_1_is_not_read_of_models_in_discrete_time() -> None:
 
 
 def test_a_ledger_of_rates_is_none_of_steps() -> None:
-    """No ledger of a model in continuous time is accepted when the model is read in discrete time, nor the reverse."""
-    for name in known_ledgers.NAMES:
+    """No ledger of a model in continuous time is accepted when the model is read in discrete time, nor the reverse;
+    but of -x/10, which is stable as x' and as x+.
+    """
+    for name in set(known_ledgers.NAMES) - {"mirrored"}:
         content = known_ledgers.load(name)
         if "time" in content["model"]:
             model = {k: v for k, v in content["model"].items() if k not in ("time", "dt")}
