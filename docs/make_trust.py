@@ -16,14 +16,14 @@ OF_A_LEDGER = {
     "door, program, results, steps": "__init__ __main__ check identity results work",
     "reading: JSON, numbers, models, outputs, expressions": "entry expression json_text model outputs reading words",
     "functions: intervals, expansions, series at 0": "enclosure expansion taylor",
-    "matrices and equilibria": "definite equilibrium exact",
+    "matrices and equilibria": "definite equilibrium exact flint_matrix",
     "the ledger: what it proves of the model and its plants": "ledger/__init__ ledger/assembly ledger/check ledger/file"
     " ledger/further ledger/lemmas ledger/theorem ledger/values",
     "the ledger: its sentences": "ledger/sentences",
     "the ledger: algebraic variables, identities (sections 11 and 12)": "ledger/algebraic ledger/identities",
 }
 OTHERS = {
-    "digits of large matrices, with NumPy (without it FLINT multiplies them)": "digits",
+    "digits of large matrices, with NumPy (without it FLINT multiplies them)": "digits large",
     "which model is meant, where a model.json is given: its canonical form": "canonical plain",
     "companions of ledgers, which NumPy reads": "companion ledger/arrays",
     "version 1, claims G, M, E and R (closed)": "version_1/* subject",

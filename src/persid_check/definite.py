@@ -5,15 +5,11 @@ so T is nonsingular, and M = T^-1 C T^-T > 0; C bounds r'M^-1 r, too. With L: M 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from persid_check.exact import Matrix, Number, matrix
 from persid_check.work import spend
-
-if TYPE_CHECKING:
-    from persid_check.digits import Digits
 
 Factor = Sequence[Sequence[int]]
 BITS = 192  # of a summand of a bound
@@ -29,14 +25,14 @@ class Root:
 
     shifts: tuple[int, ...]
     bits: int
-    L: "Factor | Digits"
+    L: Factor | Matrix
 
     @property
     def matrix(self) -> Matrix | None:
         """L as a square matrix; None where the rows are not those of one."""
         size = len(self.shifts)
-        if not isinstance(self.L, Sequence):
-            return Matrix(self.L, 0) if self.L.shape == (size, size) else None
+        if isinstance(self.L, Matrix):
+            return self.L if self.L.shape == (size, size) else None
         return lower_triangular(self.L) if _is_lower(self.L, size) else None
 
 
@@ -111,7 +107,7 @@ def has_root(M: Matrix, root: Root) -> bool:
         return True
     least = min(root.shifts)
     scaled = M.scaled([shift - least for shift in root.shifts])
-    lifted = Matrix(scaled.entries, scaled.exponent - root.bits - 2 * least)
+    lifted = replace(scaled, exponent=scaled.exponent - root.bits - 2 * least)
     return all(gap > 0 for gap in (lifted + -L.squared()).gaps([0] * size))
 
 

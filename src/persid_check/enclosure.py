@@ -65,6 +65,9 @@ class Interval:
     def __init__(self, lo: arb, hi: arb) -> None:
         self.lo, self.hi = lo, hi
 
+    def __repr__(self) -> str:
+        return f"Interval({self.lo.str(10)}, {self.hi.str(10)})"
+
     def __add__(self, other: "Interval") -> "Interval":
         return Interval((self.lo + other.lo).lower(), (self.hi + other.hi).upper())
 

@@ -146,7 +146,7 @@ class Entry:
         """Return the number mantissa * 2**exponent of a pair."""
         first, second = self.items(2)
         mantissa, exponent = first.integer(MAX_BITS), second.exponent()
-        return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
+        return dyadic(mantissa, exponent)
 
     def nonnegative(self) -> Fraction:
         """Return a dyadic that is at least 0."""
@@ -179,6 +179,11 @@ class Entry:
     def factor(self) -> Factor:
         """Return a square lower triangular matrix of integers, by its rows."""
         return tuple(row.integers(i + 1) for i, row in enumerate(self.items()))
+
+
+def dyadic(mantissa: int, exponent: int) -> Fraction:
+    """Return mantissa * 2**exponent."""
+    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
 def _binary64(text: Any) -> float:

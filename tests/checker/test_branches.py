@@ -25,6 +25,7 @@ from persid_check import (
     check,
     companion,
     exact,
+    flint_matrix,
     model_sha256,
 )
 from persid_check.__main__ import main
@@ -144,16 +145,16 @@ def test_a_term_is_an_object() -> None:
 def test_numbers_that_are_too_long_are_not_multiplied() -> None:
     """Exact matrices have limits: of binary places, of their spread, and of the work of a product."""
     with pytest.raises(NotProvedError, match="binary places"):
-        exact.matrix([[Fraction(1, 1 << (exact.MAX_EXPONENT + 1))]], 1)
+        exact.matrix([[Fraction(1, 1 << (flint_matrix.MAX_EXPONENT + 1))]], 1)
     small = exact.matrix([[Fraction(1)]], 1)
     with pytest.raises(NotProvedError, match="spread"):
-        small.raised(exact.MAX_EXPONENT + 1)
+        small.raised(flint_matrix.MAX_EXPONENT + 1)
 
 
 def test_a_product_of_long_numbers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A product of matrices whose numbers are too long for its size is refused before it is made."""
-    monkeypatch.setattr(exact, "FREE_WORK", 0)
-    monkeypatch.setattr(exact, "MAX_WORK", 10)
+    monkeypatch.setattr(flint_matrix, "FREE_WORK", 0)
+    monkeypatch.setattr(flint_matrix, "MAX_WORK", 10)
     long = exact.matrix([[Fraction(1 << 40)]], 1)
     with pytest.raises(NotProvedError, match="too large"):
         long * long

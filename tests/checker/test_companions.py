@@ -16,7 +16,7 @@ from persid.certificates import encoding
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import separated
 from persid.models.sparse import archive
-from persid_check import Accepted, Malformed, Rejected, check, exact
+from persid_check import Accepted, Malformed, Rejected, check, flint_matrix
 from persid_check.ledger import arrays as ledger_arrays
 
 Arrays = dict[str, np.ndarray]
@@ -32,7 +32,7 @@ def content() -> dict[str, Any]:
         B=[[1.0], [0.0], [0.5]],
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exact, "LARGE", 1)
+        patch.setattr(flint_matrix, "LARGE", 1)
         answer = ps.certify(model, time_limit=20)
         assert isinstance(answer, ps.Certified)
         found = answer.certificate.content

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flint import fmpz_mat
 
-from persid_check import digits, exact
+from persid_check import digits, exact, large
 from persid_check.digits import Digits
 from persid_check.results import NotProvedError
 
@@ -54,7 +54,7 @@ def test_operations_are_those_of_flint(seed: int) -> None:
     assert A.kept(rows, columns).integers() == [a[i * k + j] for i in rows for j in columns]
     lifted = fmpz_mat(h + 1, k, [0] * k + a)
     assert A.placed(range(1, h + 1), h + 1).integers() == whole(lifted)
-    assert exact.Matrix(a_, 0).placed(range(1, h + 1), h + 1).flint == lifted
+    assert exact.placed(exact.Matrix(a_, 0), range(1, h + 1), h + 1).flint == lifted
     stacked = Digits.of_blocks([[A, C], [C, A]])
     assert stacked.kept(range(h, 2 * h), range(k, 2 * k)).integers() == a
 
@@ -120,16 +120,16 @@ def test_work_and_memory_of_large_matrices_are_bounded(monkeypatch: pytest.Monke
     """A product of too many multiplications is refused before it is made, and numbers that spread too widely."""
     size = 300
     M = exact.matrix([[1.0 + 2.0**-40 * i * j for j in range(size)] for i in range(size)], size)
-    assert M.digits.cost(M.digits) == size**3 * len(M.digits.parts) ** 2
-    few = exact.diagonal([1.0 + 2.0**-50] * size).digits
-    monkeypatch.setattr(exact, "MAX_DIGIT_WORK", size**3)
+    assert M.entries.cost(M.entries) == size**3 * len(M.entries.parts) ** 2
+    few = exact.diagonal([1.0 + 2.0**-50] * size).entries
+    monkeypatch.setattr(large, "MAX_WORK", size**3)
     with pytest.raises(NotProvedError, match="too large"):
         M * M
     with pytest.raises(NotProvedError, match="too large"):
         M.squared()
     monkeypatch.setattr(digits, "MAX_SIZE", size**2)
     with pytest.raises(ArithmeticError, match="too long"):
-        M.digits.raised(100)
+        M.entries.raised(100)
     assert few.cost(few) == digits.ONE_BY_ONE * size**2 * len(few.parts) ** 2
     monkeypatch.setattr(digits, "MAX_SIZE", 2 * len(few.parts) * size**2 - 1)
     for product in (lambda: few * few, few.squared):

@@ -13,7 +13,7 @@ from checker.ledgers import data
 from checker.second_ledger import verdict
 from persid.certificates.encoding import root
 from persid.certificates.ledger import floats
-from persid_check import Accepted, Malformed, Rejected, check, exact
+from persid_check import Accepted, Malformed, Rejected, check, exact, flint_matrix
 from persid_check.definite import Root, has_root, is_positive_definite
 from persid_check.exact import Matrix, matrix
 from persid_check.ledger.assembly import assemble
@@ -26,7 +26,7 @@ TINY = Fraction(1, 2**60)
 
 @pytest.fixture(autouse=True)
 def _digits_begin_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exact, "LARGE", 1000)
+    monkeypatch.setattr(flint_matrix, "LARGE", 1000)
 
 
 def written(found: dict[str, Any]) -> Root:

@@ -13,6 +13,7 @@ from persid.lyapunov.operating_points import OperatingPoint
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
 from persid_check.exact import Matrix, diagonal, is_large
+from persid_check.large import Large
 from persid_check.ledger import FORMAT
 from persid_check.ledger.algebraic import bounded_sides, form_of_differences, form_of_reach
 from persid_check.ledger.assembly import Assembly, assemble
@@ -105,7 +106,7 @@ def shortest(M: np.ndarray) -> list[list[int]] | Json:
 
 def floats(M: Matrix) -> np.ndarray:
     """Return an exact matrix in floating point."""
-    if is_large(*M.shape):
-        return M.digits.floats(M.exponent)
+    if isinstance(M, Large):
+        return np.asarray(M.entries.floats(M.exponent))
     rows = [[float(Fraction(int(v), 1 << M.exponent)) for v in line] for line in M.flint.table()]
     return np.array(rows, float).reshape(M.height, M.width)

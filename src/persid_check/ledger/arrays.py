@@ -14,7 +14,7 @@ from persid_check.results import FormatError
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
-    from persid_check.digits import Digits
+    from persid_check.exact import Matrix
 
 LONGEST = 2**28  # bytes
 MAX_FILLED = 3 * 10**6  # numbers of one matrix of a model
@@ -35,16 +35,17 @@ def gathered(data: Mapping[str, object], folder: Path | None, content: bytes | N
         raise FormatError(COMPANION, "NumPy is needed to read it: pip install numpy") from None
 
 
-def lower_array(entry: Entry, arrays: "Arrays", size: int) -> "Digits":
+def lower_array(entry: Entry, arrays: "Arrays", size: int) -> "Matrix":
     """Return the lower triangular matrix whose rows are one array of a companion: 1 integer, 2 integers, and so on."""
     from persid_check.digits import Digits
+    from persid_check.large import held
 
     if entry.value not in arrays:
         entry.refuse(f"the companion has no array {entry.value[:60]!r}")
     found = arrays[entry.value]
     if found.dtype != "<i8" or len(found) != size * (size + 1) // 2:
         entry.refuse(f"an array of {size * (size + 1) // 2} integers (<i8) is needed")
-    return Digits.of_lower(size, found)
+    return held(Digits.of_lower(size, found), 0)
 
 
 def filled(form: object, arrays: "Arrays") -> object:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.entry import Lower
-from persid_check.exact import Matrix, Number, beside, blocks, diagonal, matrix, mirrored, scattered, zeros
+from persid_check.exact import Matrix, Number, beside, blocks, diagonal, matrix, mirrored, placed, scattered, zeros
 from persid_check.ledger.identities import form_of_identity
 from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.results import NotProvedError
@@ -49,7 +49,7 @@ def assemble(ledger: Ledger) -> Assembly:
     discrete = ledger.model.is_discrete
     rise = _step_rise(ledger, P, flow, z) if discrete else _rise(_gradient(ledger, P, rows, z), ledger, flow)
     products = _lifted(_over_eta(_weighted(ledger)), rows, n, channels)
-    share = (-diagonal([ledger.kappa] * P.height) * P).placed(z, size).T.placed(z, size)
+    share = _within(-diagonal([ledger.kappa] * P.height) * P, z, size)
     loss = -rise + padded(-products, size) + share + _bounds(ledger, gamma, size)
     if ledger.algebraic is not None:
         loss = loss + -equations(ledger, flow, ledger.algebraic.equations)
@@ -93,7 +93,12 @@ def _step_rise(ledger: Ledger, P: Matrix, flow: Matrix, z: Sequence[int]) -> Mat
     k, size = len(ledger.inside), flow.width + len(ledger.inside)
     later = _dense([{n: _ONE, flow.width + i: _ONE} for i, n in enumerate(z[ledger.model.n :])], size)
     after = blocks([[flow, zeros(flow.height, k)], [later]]) if k else flow
-    return after.T * P * after + -P.placed(z, size).T.placed(z, size)
+    return after.T * P * after + _within(-P, z, size)
+
+
+def _within(part: Matrix, z: Sequence[int], size: int) -> Matrix:
+    """Return a symmetric form of z as one of zeta, which has so many entries."""
+    return placed(placed(part, z, size).T, z, size)
 
 
 def quadratic(ledger: Ledger) -> Matrix:
@@ -140,7 +145,7 @@ def _gradient(ledger: Ledger, P: Matrix, rows: Sequence[Row], z: Sequence[int]) 
     top = _dense(rows, n).T * _times_rows(rows, n, heads, first)
     own = blocks([[top], [_times_rows(rows, n, sides, len(ledger.model.channels))]])
     own = own if ledger.model.order == n else own.kept(range(own.height), range(ledger.model.order))
-    return P.placed(z, own.height) + blocks([[own, zeros(own.height, len(ledger.inside))]])
+    return placed(P, z, own.height) + blocks([[own, zeros(own.height, len(ledger.inside))]])
 
 
 def _dense(rows: Sequence[Row], width: int) -> Matrix:

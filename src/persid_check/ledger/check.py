@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 from persid_check.identity import Meant, require_same
 from persid_check.ledger import COMPANION, MAX_BYTES
 from persid_check.ledger.file import read_ledger
-from persid_check.ledger.further import has_feedback
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
-from persid_check.results import Accepted, FormatError, NotProvedError
+from persid_check.results import Accepted, FormatError, require
 from persid_check.work import allowance, limited
 
 if TYPE_CHECKING:
@@ -36,20 +35,14 @@ def check_ledger(
     arrays = {} if data.get(COMPANION) is None else _gathered(data, folder, content)
     ledger = read_ledger(data, arrays)
     require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
-    width = ledger.entries + ledger.inputs + sum(len(deviation.columns) for deviation in ledger.deviations)
-    width += len(ledger.inside)
-    if max(width, len(ledger.points)) * width > ENTRIES + 4 * (size + sum(array.nbytes for array in arrays.values())):
-        raise NotProvedError("model", "its matrices are too large for a file of this length")
+    columns = sum(len(deviation.columns) for deviation in ledger.deviations)
+    width = ledger.entries + ledger.inputs + columns + len(ledger.inside)
+    most = ENTRIES + 4 * (size + sum(array.nbytes for array in arrays.values()))
+    written = max(width, len(ledger.points)) * width <= most
+    require(written, "model", "its matrices are too large for a file of this length")
     with limited(allowance(size)):
         proved = prove(ledger)
-    further = {
-        "incremental": proved.incremental,
-        "everywhere": proved.everywhere,
-        "members": proved.members,
-        "feedback": has_feedback(ledger),
-    }
-    names = tuple(name for name, holds in further.items() if holds)
-    return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), names)
+    return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), proved.further)
 
 
 def _gathered(data: Mapping[str, object], folder: Path | None, content: bytes | None) -> "Arrays":

@@ -9,10 +9,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from persid_check.definite import Root
-from persid_check.entry import MAX_BITS, Entry, Factor, Row
+from persid_check.entry import MAX_BITS, Entry, Factor, Row, dyadic
 from persid_check.expression import MAX_LENGTH_WITH_TABLES, Program
 from persid_check.ledger import COMPANION, FORMAT
-from persid_check.ledger.lemmas import Cuts, positions
+from persid_check.ledger.lemmas import Cuts
 from persid_check.ledger.values import (
     Algebraic,
     Curve,
@@ -35,7 +35,7 @@ from persid_check.reading import MAX_FORMS, read_ball, read_gamma, read_P
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
-    from persid_check.digits import Digits
+    from persid_check.exact import Matrix
 
 CLAIMS = ("iss", "rate-and-gain", "region", "practical")
 KINDS = ("sector", "growing", "nondecreasing", "rising", "one-signed", "offset")
@@ -117,7 +117,8 @@ def _cuts(entry: Entry) -> Cuts:
     exponent, listed = entry.items(2)
     cuts = [m.integer(MAX_BITS) for m in listed.items()]
     entry.require(cuts and all(a < b for a, b in pairwise(cuts)), "cuts rise, and there is one at least")
-    return positions(cuts, exponent.exponent())
+    e = exponent.exponent()
+    return tuple(dyadic(m, e) for m in cuts)
 
 
 def _curve(entry: Entry) -> Curve:
@@ -311,7 +312,7 @@ def _filled(form: object, arrays: "Arrays") -> object:
     return filled(form, arrays)
 
 
-def _lower_array(L: Entry, arrays: "Arrays", size: int) -> "Digits":
+def _lower_array(L: Entry, arrays: "Arrays", size: int) -> "Matrix":
     from persid_check.ledger.arrays import lower_array
 
     return lower_array(L, arrays, size)

@@ -7,6 +7,17 @@ from persid_check.ledger.values import RISING, Curve, Form, Ledger, Output
 _HALF, _ONE = Fraction(1, 2), Fraction(1)
 
 
+def further(ledger: Ledger, kept: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the names of what holds beside the claim, whose matrix has these rows."""
+    found = {
+        "incremental": not ledger.deviations and forgets(ledger),
+        "everywhere": not ledger.deviations and _knows_no_centre(ledger, kept),
+        "members": holds_of_members(ledger, kept),
+        "feedback": _has_feedback(ledger),
+    }
+    return tuple(name for name, holds in found.items() if holds)
+
+
 def _used(ledger: Ledger) -> list[tuple[Curve, Form]]:
     """Return the forms of value facts and densities that count, with their curves."""
     found = []
@@ -24,7 +35,7 @@ def _only_values(ledger: Ledger) -> bool:
     return not ledger.inside and not ledger.identity and all(fact.kind == "value" for fact in ledger.facts if fact.tau)
 
 
-def has_feedback(ledger: Ledger) -> bool:
+def _has_feedback(ledger: Ledger) -> bool:
     """Section 7, feedback: outputs of a model alone that inputs move, with one gain for all its inputs."""
     if ledger.outputs is None or ledger.deviations or ledger.counts_b or not isinstance(ledger.gamma, Fraction):
         return False
@@ -37,22 +48,12 @@ def is_moved(ledger: Ledger, output: Output) -> bool:
     return bool(output.steepness and ((output.constant and ledger.gamma) or any(output.direct)))
 
 
-def is_incremental(ledger: Ledger) -> bool:
-    """Whether the estimate holds for the difference of any two solutions of the model."""
-    return not ledger.deviations and forgets(ledger)
-
-
 def forgets(ledger: Ledger) -> bool:
     """Whether the matrix is one of differences of two solutions: V = x'P x and nondecreasing forms."""
     if ledger.claim != "rate-and-gain" or not _only_values(ledger):
         return False
     no_density = not any(mu for point in ledger.points for _, mu in point.densities)
     return no_density and all(form.kind in RISING for _, form in _used(ledger))
-
-
-def holds_everywhere(ledger: Ledger, kept: tuple[int, ...]) -> bool:
-    """Whether the claim is one about every equilibrium of the model."""
-    return not ledger.deviations and _knows_no_centre(ledger, kept)
 
 
 def holds_of_members(ledger: Ledger, kept: tuple[int, ...]) -> bool:

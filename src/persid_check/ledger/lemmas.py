@@ -365,8 +365,3 @@ class _Parity:
 def _shown(t: Fraction) -> str:
     """A cut in words, however large it is."""
     return f"{Context(prec=6).divide(Decimal(t.numerator), Decimal(t.denominator)):g}"
-
-
-def positions(cuts: Sequence[int], exponent: int) -> Cuts:
-    """Return the cuts m 2**e."""
-    return tuple(Fraction(m << exponent) if exponent >= 0 else Fraction(m, 1 << -exponent) for m in cuts)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from persid_check.ledger.further import forgets, has_feedback, is_moved
+from persid_check.ledger.further import forgets, is_moved
 from persid_check.ledger.theorem import Proved
 from persid_check.ledger.values import Algebraic, Curve, Deviation, Ledger, Output, Row
 from persid_check.reading import Ball
@@ -35,30 +35,26 @@ def statement(ledger: Ledger, proved: Proved) -> str:
     parts = [first, *_equations(ledger), *_estimate(ledger, proved)]
     if ledger.deviations:
         parts.append(_plants(ledger))
-    if proved.members:
+    if "members" in proved.further:
         parts += _members(ledger)
-    if proved.everywhere:
+    if "everywhere" in proved.further:
         parts.append(
             "The same holds, with the same numbers, about every equilibrium of every constant input, of which each has"
             " exactly one."
         )
-    if proved.incremental:
+    if "incremental" in proved.further:
         parts.append(_between(ledger))
     return explained(" ".join(parts))
 
 
 def _equations(ledger: Ledger) -> list[str]:
     """What is proved of the equations of a model with algebraic variables."""
-    if not _has_w(ledger):
+    if not ledger.model.algebraic:
         return []
     names = ", ".join(_listed(state_names(ledger.model.states)[ledger.model.order :]))
     if ledger.claim == "region":
         return [f"Its equations are those of {names}."]
     return [f"For every x and u its equations have exactly one solution {names}, which depends on them continuously."]
-
-
-def _has_w(ledger: Ledger) -> bool:
-    return ledger.model.algebraic > 0
 
 
 def _listed(names: Sequence[str]) -> list[str]:
@@ -84,8 +80,9 @@ def _between(ledger: Ledger, of: str = "") -> str:
 def _kind(ledger: Ledger) -> str:
     """Stable, or practically so where something stays even without inputs."""
     spread = ledger.claim == "practical" or any(deviation.epsilon for deviation in ledger.deviations)
-    scope = "in a region" if ledger.claim == "region" else "globally"
-    scope += ", with the solution of its equations that is named below," * (scope != "globally" and _has_w(ledger))
+    regional, solved = ledger.claim == "region", ledger.model.algebraic > 0
+    scope = "in a region" if regional else "globally"
+    scope += ", with the solution of its equations that is named below," * (regional and solved)
     steps = " in discrete time" if ledger.model.is_discrete else ""
     return f"{scope} {'practically ' if spread else ''}input-to-state stable{steps}"
 
@@ -151,9 +148,11 @@ def _estimate(ledger: Ledger, proved: Proved) -> list[str]:
         return []
     if ledger.claim == "practical":
         return [_finally(ledger, proved)]
-    bound = _of_outputs(ledger, ledger.outputs.listed) if ledger.outputs is not None else _of_state(ledger)
+    outputs = () if ledger.outputs is None else ledger.outputs.listed
+    bound = _of_outputs(ledger, outputs) if outputs else _of_state(ledger)
     if ledger.claim == "rate-and-gain":
-        return [f"{bound[0].upper()}{bound[1:]}.", *_feedback(ledger)]
+        first = f"{bound[0].upper()}{bound[1:]}."
+        return [first, _feedback(ledger, outputs)] if "feedback" in proved.further else [first]
     return [_region(ledger, bound)]
 
 
@@ -162,7 +161,7 @@ def _region(ledger: Ledger, bound: str) -> str:
     own, others = ([side for side in ledger.sides if ledger.is_of_states(side[0]) == of] for of in (True, False))
     size = f"|u - u*| <= {decimal(ledger.input_bound, up=False)}"
     start, level = _clock(ledger).start, f"V(x) <= {_one(ledger.level)}"
-    if not _has_w(ledger):
+    if not ledger.model.algebraic:
         return (
             f"The set of x with {_sides(ledger, own) or 'no strip'} and {level} is invariant for inputs with {size},"
             f" and from every {start} in it {bound}."
@@ -177,8 +176,13 @@ def _region(ledger: Ledger, bound: str) -> str:
 
 
 def _sides(ledger: Ledger, found: Sequence[tuple[Row, Fraction, Fraction]]) -> str:
-    more = f" and so on ({len(found)} strips)" if len(found) > SHOWN else ""
-    return " and ".join(_strip(ledger, *strip) for strip in found[:SHOWN]) + more
+    return _several([_strip(ledger, *strip) for strip in found], " and ", "strips")
+
+
+def _several(parts: Sequence[str], between: str, what: str) -> str:
+    """Parts of a sentence, cut short and said so."""
+    more = f" and so on ({len(parts)} {what})" if len(parts) > SHOWN else ""
+    return between.join(parts[:SHOWN]) + more
 
 
 def _of_state(ledger: Ledger) -> str:
@@ -196,30 +200,25 @@ def _of_outputs(ledger: Ledger, outputs: Sequence[Output]) -> str:
 
 def _of_output(ledger: Ledger, output: Output) -> str:
     """L (sqrt(c V) e^{-kappa t/2} + sqrt(c gamma/kappa) sup|u - u*| + ... + |D| sup|u - u*|)."""
-    square = output.steepness**2
+    square, clock = output.steepness**2, _clock(ledger)
     c = square * output.constant
-    clock = _clock(ledger)
-    start = f"{root(c)} sqrt(V({clock.start})) {clock.root}"
-    terms = [start]
+    terms = [f"{root(c)} sqrt(V({clock.start})) {clock.root}"]
     if ledger.inputs:
         terms += _of_inputs(ledger, c / ledger.kappa, [square * d * d for d in output.direct])
     spread = _spread(ledger, ledger.kappa / c) if c else ""
     return f"|{output.name!r} - y*| <= {' + '.join(terms)}{spread}"
 
 
-def _feedback(ledger: Ledger) -> list[str]:
+def _feedback(ledger: Ledger, outputs: Sequence[Output]) -> str:
     """How strong an effect of one output on the inputs may be, in the largest value so far or in the mean square."""
-    if not has_feedback(ledger) or ledger.outputs is None:
-        return []
-    moved = [output for output in ledger.outputs.listed if is_moved(ledger, output)]
-    gains = [(output.name, Fraction(_output_gain(ledger, output))) for output in moved[:SHOWN]]
-    limits = [f"{decimal(1 / gain, up=False)} for {name!r}" for name, gain in gains]
-    more = f" and so on ({len(moved)} outputs)" if len(moved) > SHOWN else ""
-    return [
+    moved = [output for output in outputs if is_moved(ledger, output)]
+    gains = [(output.name, Fraction(_output_gain(ledger, output))) for output in moved]
+    limits = _several([f"{decimal(1 / gain, up=False)} for {name!r}" for name, gain in gains], ", ", "outputs")
+    return (
         "Any feedback from one output y, u - u* = v + w with |w| <= a sup|y - y*| so far, leaves inputs and outputs"
-        f" bounded for bounded v where a < {', '.join(limits)}{more}, as long as the loop has a solution; the same in"
+        f" bounded for bounded v where a < {limits}, as long as the loop has a solution; the same in"
         " the mean square."
-    ]
+    )
 
 
 def _output_gain(ledger: Ledger, output: Output) -> str:
@@ -278,10 +277,9 @@ def _finally(ledger: Ledger, proved: Proved) -> str:
 
 def _plants(ledger: Ledger) -> str:
     """Name the plants that are meant; a bound by one number is rounded towards 0: each plant named is one of them."""
-    shown = " and of ".join(_deviation(ledger, deviation) for deviation in ledger.deviations[:SHOWN])
-    more = f" and so on ({len(ledger.deviations)} deviations)" if len(ledger.deviations) > SHOWN else ""
+    shown = _several([_deviation(ledger, deviation) for deviation in ledger.deviations], " and of ", "deviations")
     return (
-        f"Meant is every plant {_clock(ledger).change} = F(x, u) + g with g the sum of L w for {shown}{more}."
+        f"Meant is every plant {_clock(ledger).change} = F(x, u) + g with g the sum of L w for {shown}."
         " That a plant obeys these bounds is assumed, not proved."
     )
 

@@ -11,7 +11,7 @@ from persid_check.equilibrium import has_unique_equilibrium
 from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.ledger.algebraic import prove_algebraic, prove_bounds
 from persid_check.ledger.assembly import Assembly, assemble
-from persid_check.ledger.further import holds_everywhere, holds_of_members, is_incremental
+from persid_check.ledger.further import further
 from persid_check.ledger.identities import prove_identity
 from persid_check.ledger.lemmas import Lemma, Product, discontinuous, vanishes
 from persid_check.ledger.values import RISING, Curve, Fact, Form, Ledger, Map, Output, Point, Row
@@ -26,11 +26,9 @@ _ZERO, _HALF, _ONE = Fraction(0), Fraction(1, 2), Fraction(1)
 
 @dataclass(frozen=True)
 class Proved:
-    """What was proved beside the claim: further sentences, and the matrices."""
+    """What was proved beside the claim: the names of further sentences, and the matrices."""
 
-    incremental: bool
-    everywhere: bool
-    members: bool
+    further: tuple[str, ...]
     kept: tuple[int, ...]
     assembly: Assembly
 
@@ -59,9 +57,7 @@ def prove(ledger: Ledger) -> Proved:
     require(proves(ledger.proof["M"], matrices.M.kept(kept, kept)), "proof.M", "the matrix inequality is not proved")
     _lyapunov(ledger, matrices, kept)
     _bounds(ledger, matrices)
-    return Proved(
-        is_incremental(ledger), holds_everywhere(ledger, kept), holds_of_members(ledger, kept), kept, matrices
-    )
+    return Proved(further(ledger, kept), kept, matrices)
 
 
 def _numbers(ledger: Ledger) -> None:

@@ -7,8 +7,9 @@ from fractions import Fraction
 from persid_check.definite import is_positive_definite
 from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
-from persid_check.exact import MAX_EXPONENT, Matrix, diagonal, matrix
+from persid_check.exact import Matrix, diagonal, matrix
 from persid_check.expression import Program
+from persid_check.flint_matrix import MAX_EXPONENT
 from persid_check.model import Channel, Model
 from persid_check.refutations import sentences
 from persid_check.refutations.format import POSED, Refutation
