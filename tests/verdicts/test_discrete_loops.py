@@ -83,6 +83,18 @@ def test_about_an_equilibrium_that_is_not_the_reference() -> None:
     assert verdict.attempts[-1].what == HOW
 
 
+def test_a_rate_that_is_asked_for_is_worth_a_dearer_attempt() -> None:
+    """Near where a quadratic V ends its rate is slow; one that is asked for is proved by values, the gain is less."""
+    model = next(iter(FAMILIES.values()))(0.6)
+    usual, asked = ps.certify(model), ps.certify(model, rate=0.03)
+    assert usual.best_rate < 0.02
+    assert asked.certificate.rate >= 0.03
+    assert asked.certificate.gain < 0.6 * usual.certificate.gain
+    too_fast = ps.certify(model, rate=0.2)  # no solution is that fast: no dearer attempt is made
+    assert HOW not in [attempt.what for attempt in too_fast.attempts]
+    assert too_fast.best_rate == pytest.approx(usual.best_rate, rel=0.05)
+
+
 def test_what_a_quadratic_V_certifies_stays_as_it_was() -> None:
     """Cheap attempts come first: where V = x'P x does, it is V, and the attempt is not made."""
     verdict = ps.certify(next(iter(FAMILIES.values()))(0.5))

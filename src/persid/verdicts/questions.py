@@ -10,6 +10,7 @@ from numpy import ndarray
 from persid.certificates.certificate import Certificate
 from persid.certificates.margin import Margin
 from persid.certificates.witness import find_witness
+from persid.lyapunov import decay
 from persid.lyapunov.arrays import HOST, Arrays
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.interior_point import Status
@@ -117,7 +118,7 @@ def _undecided(failure: Failure, asked: Question, log: Log) -> Undecided:
 
 
 def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Refuted | Failure:
-    """Refute if that is cheap; else try ways to certify, the cheap ones first.
+    """Refute if that is cheap; else try ways to certify, the cheap ones first, until one has the rate asked for.
 
     Where functions can have no margin, forces of springs, facts are: nothing else can succeed.
     """
@@ -137,17 +138,20 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
         return _between_solutions(asked, setting, log)
     forms = partial(_by_forms, asked, setting, log)
     ways = _ways(asked, setting, forms, log)
-    failure = stopped(Status.TIME)
+    failure, slower = stopped(Status.TIME), list[Certified]()
+    rate = asked.rate if asked.rate and decay.loss(asked.rate, asked.model.dt) < setting.fastest else 0.0
     for way in ways:
         if log.left() <= 0:
             break
         answer = way()
-        if isinstance(answer, NetworkCertificate):
-            return Certified(answer, tuple(log.attempts))
-        if isinstance(answer, Certified):
-            return answer
-        failure = answer if way is forms else failure
-    return failure
+        if isinstance(answer, Failure):
+            failure = answer if way is forms else failure
+            continue
+        found = answer if isinstance(answer, Certified) else Certified(answer, tuple(log.attempts))
+        if (found.best_rate or 0.0) >= rate:
+            return found
+        slower.append(found)
+    return max(slower, key=lambda found: found.best_rate or 0.0) if slower else failure
 
 
 def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> list[Way]:
