@@ -23,12 +23,18 @@ LARGE = 30.0  # mean square of the entries of a point, in their units, from whic
 Rows = tuple[Int[ndarray, " _"], Float[ndarray, "_ _"]]  # the entries that forms of a group read, and the rows there
 
 
-def dual_factor(system: System, units: Scaling, forms: Sequence[Rows], width: int) -> sparse.csr_array:
+def dual_factor(
+    system: System, units: Scaling, forms: Sequence[Rows], width: int, depth: Float[ndarray, " g"] | None = None
+) -> sparse.csr_array:
     """Return C, lower triangular in blocks, with X0 = C C' inside the cone of the forms, which are those of each group.
 
-    Entries that no form reads, such as inputs, and blocks as a whole have the same weight, 1 / width an entry.
+    Entries that no form reads, such as inputs, and blocks as a whole have the same weight, 1 / width an entry. Where
+    the `depth` of own functions is given, positive for sector forms, a block has its weight over the least of its
+    depths: t N = t X0^-1 then asks of each block in proportion to what it can give. Otherwise one group of four
+    hundred, whose terms almost cancel, decides how far mu has to fall.
     """
     rng, label = np.random.default_rng(0), _blocks([at for at, _ in forms], width)
+    weight = _weights(np.ones(len(forms)) if depth is None else depth)
     members: dict[int, list[int]] = {}
     for g, (at, _) in enumerate(forms):
         if len(at):
@@ -41,9 +47,19 @@ def dual_factor(system: System, units: Scaling, forms: Sequence[Rows], width: in
         X = _inward(X, [(np.searchsorted(at, forms[g][0]), forms[g][1]) for g in inside])
         row.append(np.repeat(at, len(at)))
         column.append(np.tile(at, len(at)))
-        value.append(np.linalg.cholesky(X / width).ravel())
+        value.append(np.linalg.cholesky(X * max((weight[g] for g in inside), default=1.0) / width).ravel())
     places = np.concatenate(row), np.concatenate(column)
     return sparse.csr_array(sparse.coo_array((np.concatenate(value), places), shape=(width, width)))
+
+
+def _weights(depth: Float[ndarray, " g"]) -> Float[ndarray, " g"]:
+    """Return the median depth of own functions over that of each, 1 for what is no sector form."""
+    known = depth > 0
+    return (
+        np.where(known, np.median(depth[known]) / np.where(known, depth, 1.0), 1.0)
+        if known.any()
+        else np.ones(len(depth))
+    )
 
 
 def _blocks(entries: Sequence[Int[ndarray, " _"]], width: int) -> Int[ndarray, " w"]:

@@ -23,6 +23,7 @@ from scipy import sparse
 
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.dual_start import dual_factor
+from persid.lyapunov.own_functions import depths_in
 from persid.lyapunov.pairs import Problem, pairings
 from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Family, Scaling, System, Target, scaling
@@ -310,7 +311,9 @@ class Catalogue:
     @cached_property
     def _factor(self) -> sparse.csr_array:
         """C, with which C C' is the first dual matrix."""
-        return dual_factor(self.system, self.units, [(at, rows) for _, _, rows, at in self._forms], self.width)
+        forms = [(at, rows) for _, _, rows, at in self._forms]
+        depth = depths_in(self.system, self.families) if self.is_flow_known else None
+        return dual_factor(self.system, self.units, forms, self.width, depth)
 
     @cached_property
     def _all_rows(self) -> tuple[sparse.csr_array, ndarray, ndarray, ndarray]:

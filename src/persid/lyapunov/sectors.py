@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 ALIKE = 1e-4  # a cosine this near to one: a facet that only relaxes an exact form
 POOL_SIZE = 48  # facets kept of a curve, the most different ones first
+FINE_POOL_SIZE = 480  # and where a model needs what lies between these
 LOOSE = 2.0**-8  # the same for nondecreasing forms, whose proof takes about 1 / sqrt(LOOSE) pieces
 RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form that is deepest inside the dual cone
 ROUNDING = 2.0**-20
@@ -255,6 +256,12 @@ def _spread(L: ndarray, count: int) -> ndarray:
 def pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return candidate sector forms of a curve, dyadic and relaxed, the most different ones first; not yet proved."""
     return _relaxed_facets(curve, POOL_SIZE, slopes=False)
+
+
+@lru_cache(maxsize=32)
+def fine_pool(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return ten times as many candidates, where the curve has so many facets."""
+    return _relaxed_facets(curve, FINE_POOL_SIZE, slopes=False)
 
 
 @lru_cache(maxsize=512)

@@ -13,6 +13,7 @@ from persid.lyapunov.arrays import HOST, Arrays
 from persid.lyapunov.integrals import lower_constants, proves_lower, proves_upper, upper_constants
 from persid.lyapunov.multipliers import Lyapunov
 from persid.lyapunov.operating_points import OperatingPoint
+from persid.lyapunov.own_functions import lacking, own_functions
 from persid.lyapunov.sectors import (
     Curve,
     Group,
@@ -52,12 +53,14 @@ class Setting:
         if point is not None and box is None and is_reference(model, point):
             point = None
         found = groups(model.channels, place(model, point, box))
+        own = own_functions(model, found)
         pools, upper, below = {}, {}, {}
         for curve in dict.fromkeys(group.curve for group in found):
             rising, alone = nondecreasing_pool(curve), axes(curve)
             # a group whose functions all have zero columns takes no part: it has no forms, and so no constants
             listed = list(dict.fromkeys([*rising, *pool(curve), *alone])) if curve.functions else []
             listed = [form for form in listed if any(form[1:])] if curve.fixed else listed
+            listed += lacking(curve, np.array(listed).reshape(-1, curve.size), own[curve])
             forms = np.array(listed).reshape(-1, curve.size)
             pools[curve] = forms
             simple = np.array([form in alone for form in listed], bool)
