@@ -23,6 +23,7 @@ from scipy import sparse
 
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.dual_start import dual_factor
+from persid.lyapunov.iterate import Iterate
 from persid.lyapunov.own_functions import depths_in
 from persid.lyapunov.pairs import Problem, pairings
 from persid.lyapunov.sectors import Group
@@ -161,6 +162,11 @@ class Catalogue:
         for (_, g, k), price in zip(names, pairings(problem, X), strict=True):
             worth[g][k] = price
         return list(zip(self._product_prices(X), worth, strict=True))
+
+    def shares(self, state: Iterate) -> Float[ndarray, " g"]:
+        """Return the part of <N, X> = 1 on the entries that each group reads: where margins are small it is large."""
+        diagonal = np.diag(state.problem.arrays.get(state.X))  # blocks of entries keep their places in z = C w
+        return np.array([diagonal[at].sum() for _, _, _, at in self._forms])
 
     def _product_prices(self, X: ndarray) -> list[ndarray]:
         return [2 * rows @ X[np.ix_(at, at)] @ rows.T for _, _, rows, at in self._forms]

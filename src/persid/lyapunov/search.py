@@ -31,6 +31,7 @@ MORE_FORMS = 10  # where that stalls: another start is another path, and few sta
 JOINING = 4  # products, and half as many densities, that may join a group in one round
 MANY = 20  # groups: of more, without a rate, each begins with FEW_FORMS and FEW join it: time grows with their cube
 FEW_FORMS, FEW = 3, 2
+HEAVY = 0.3  # of the mean share of X: of many groups those with less do not decide the margin, and nothing joins them
 FALL = 0.1  # share to which mu falls in a free round
 FREE_STEPS = 60  # of all free rounds
 ROUNDS = 400
@@ -92,6 +93,8 @@ def search(
         X, m = (solution.X, solution.last.m) if fence is None else solution.aim
         prices = whole.prices(X)
         grown = tuple(map(join, assembly.unknowns.families, prices, repeat(m), repeat(joining)))
+        if few and fence is None:
+            grown = _where_it_counts(assembly.unknowns.families, grown, whole.shares(solution.last))
         settled = all(_contains(old, new) for old, new in zip(assembly.unknowns.families, grown, strict=True))
         if settled and solution.status is Status.INFEASIBLE:
             break
@@ -146,6 +149,15 @@ def _first(system: System, group: Group, pool: Float[ndarray, "K d"], target: Ta
     first = Family.full(usable[:count]).within(usable)
     densities = () if system.discrete else _rated(group, usable, target)[:count]
     return Family(usable, densities, first.products)
+
+
+def _where_it_counts(
+    families: Sequence[Family], grown: Sequence[Family], shares: Float[ndarray, " g"]
+) -> tuple[Family, ...]:
+    """Return families grown where X has its weight; grown everywhere if nothing joins there."""
+    heavy = shares >= HEAVY * shares.mean()
+    found = tuple(new if counts else old for old, new, counts in zip(families, grown, heavy, strict=True))
+    return tuple(grown) if all(map(_contains, families, found)) else found
 
 
 def _contains(old: Family, new: Family) -> bool:
