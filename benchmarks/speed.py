@@ -39,13 +39,16 @@ def decided(kind: str, model: Any, device: str = "cpu") -> tuple[Any, Any, int, 
     from persid.lyapunov.arrays import arrays_on
     from persid.lyapunov.inequality import assemble, corollary_1
     from persid.lyapunov.interior_point import solve
+    from persid.lyapunov.own_functions import lacking, own_functions
     from persid.lyapunov.search import search
     from persid.lyapunov.sectors import groups, pool
     from persid.lyapunov.system import system
 
     found = groups(model.channels)
-    curves = {group.curve for group in found}
-    pools = {c: np.eye(c.size) if kind == "paper" else np.array(pool(c)) for c in curves}
+    pools = {group.curve: np.eye(group.curve.size) for group in found}
+    if kind == "forms":
+        own = own_functions(model, found)
+        pools = {c: np.array([*pool(c), *lacking(c, np.array(pool(c)), own[c])]) for c in pools}
     about = replace(system(model, found, pools, shifted=False), arrays=arrays_on(device))
     if kind == "paper":
         assembly = assemble(about, corollary_1(about))
