@@ -96,16 +96,12 @@ def _value(coefficients: Sequence[fmpq], y: Polynomial) -> Polynomial:
 
 def add_product(total: Terms, a: Polynomial, b: Polynomial) -> None:
     """Add a b to a total."""
-    bits, factors = (sum(size(each) for each in (a, b)) for size in (_bits_of, _factors))
+    bits, factors = _bits(a.values()) + _bits(b.values()), _factors(a) + _factors(b)
     spend(len(a) * len(b) * (1 + bits // BITS_A_STEP + factors // FACTORS_A_STEP))
     for first, v in a.items():
         for second, w in b.items():
             monomial = tuple(sorted(first + second))
             total[monomial] = total.get(monomial, fmpq(0)) + v * w
-
-
-def _bits_of(a: Polynomial) -> int:
-    return _bits(a.values())
 
 
 def _factors(a: Polynomial) -> int:
