@@ -30,9 +30,10 @@ FIRST_FORMS = 4  # forms of a pool that the search begins with
 MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
 JOINING = 4  # products, and half as many densities, that may join a group in one round
 MANY = 20  # groups: of more, without a rate, each begins with FEW_FORMS and FEW join it: time grows with their cube
-FEW_FORMS, FEW = 3, 2
+FEW_FORMS, FEW = 3, 1
 HEAVY = 0.3  # of the mean share of X: of many groups those with less do not decide the margin, and nothing joins them
-FALL = 0.1  # share to which mu falls in a free round
+FALL = 0.1  # share to which mu falls in a free round,
+FEW_FALL = 0.3  # and where few join: the nearer mu is to zero, the shorter are the steps after unknowns have joined
 FREE_STEPS = 60  # of all free rounds
 ROUNDS = 400
 INSIDE = 0.9  # of the way to the fence that a step goes
@@ -75,14 +76,14 @@ def search(
     if target.kappa and len(system.states) < system.n:
         raise ValueError("a rate keeps every state; this system has dropped one, and its forms with it")
     few = len(system.groups) > MANY and first is None and families is None and not target.kappa
-    begin, joining = (FEW_FORMS, FEW) if few else (FIRST_FORMS, JOINING)
+    begin, joining, most = (FEW_FORMS, FEW, FEW_FALL) if few else (FIRST_FORMS, JOINING, FALL)
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target, first or begin) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
     assembly, start, fence, steps = whole.assembly(families), None, None, 0
     for count in range(1, ROUNDS + 1):
         left = time_limit - (time.perf_counter() - started)
-        fall, allowed = (FALL, max(1, FREE_STEPS - steps)) if fence is None else (0.0, ITERATIONS)
+        fall, allowed = (most, max(1, FREE_STEPS - steps)) if fence is None else (0.0, ITERATIONS)
         solution = solve(assembly.problem, start=start, fence=fence, fall=fall, iterations=allowed, time_limit=left)
         steps += solution.steps
         if progress is not None:
@@ -180,5 +181,5 @@ def join(
     worth[list(family.densities)] = np.inf
     k, j = np.unravel_index(np.argsort(price, axis=None)[:most], price.shape)
     products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
-    densities = [int(k) for k in np.argsort(worth)[: most // 2] if worth[k] < 0]
+    densities = [int(k) for k in np.argsort(worth)[: (most + 1) // 2] if worth[k] < 0]
     return Family(family.forms, (*family.densities, *densities), (*family.products, *products))
