@@ -286,7 +286,10 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 BASES = {
     **{name: named.load(name) for name in named.MAKERS},
-    **{name: known_ledgers.load(name) for name in ("plant", "difference", "slopes", "practical", "identity_rated")},
+    **{
+        name: known_ledgers.load(name)
+        for name in ("plant", "difference", "slopes", "practical", "identity_rated", "steps_values")
+    },
     "network": network_of_one(),
     "identity": below_one(),
     "algebraic": fold_region(),
