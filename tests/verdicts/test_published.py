@@ -15,11 +15,13 @@ QUICK = (
     "Goodwin's oscillator below its threshold", "Euler's rotating body, damped", "Lorenz, sigma = 10, b = 8/3: r",
     "five modes of a forced flow", "Rabinovich's waves, dampings 4, 1, 1",
 )  # fmt: skip
-MINUTE = (  # of these each takes most of the minute that one question may take
+SLOW = (  # of these each takes a quarter of a minute to all of the minute that one question may take
     "equilibrium network, 10 states, 20 tanh", "equilibrium network, 6 states, 20 tanh",
     "x'' + 3x' + 2x = x^2 + x x' - x'^2", "pendulum under two layers of four tanh",
     "Davison & Kurak's cubic of three states", "x3' = -3x1 - 3x2 - 2x3 + x1^3 + x2^3 + x3^3",
     "two species that compete", "three masses under two layers of six tanh", "x1' = -x1 + 2 x1^2 x2, x2' = -x2",
+    "two machines at an infinite bus", "predators and prey that fills its room", "epidemic with births",
+    "inverted pendulum, saturated feedback", "machine at a bus, two harmonics", "repressilator, Hill exponent 3",
 )  # fmt: skip
 
 
@@ -59,7 +61,7 @@ def test_quick_published_problems_keep_their_figures(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(each.name, marks=[pytest.mark.slow] * (each.name in MINUTE))
+        pytest.param(each.name, marks=[pytest.mark.slow] * (each.name in SLOW))
         for each in ALL
         if each.name not in QUICK
     ],
