@@ -60,11 +60,7 @@ def test_quick_published_problems_keep_their_figures(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(each.name, marks=[pytest.mark.slow] * (each.name in SLOW))
-        for each in ALL
-        if each.name not in QUICK
-    ],
+    [pytest.param(each.name, marks=[pytest.mark.slow] * (each.name in SLOW)) for each in ALL if each.name not in QUICK],
 )
 def test_published_problems_keep_their_figures(name: str) -> None:
     """Every other figure is reached, and none is larger than the truth."""
