@@ -383,7 +383,8 @@ class _Point:
 def _nondecreasing(l: Row, members: list[tuple[str, Fraction]]) -> None:
     """D = l_0 + sum l_j a_j f_j'(a_j t) >= 0 for t >= 0: all supported functions are odd, so D is even."""
     terms = [("power", 1, Fraction(1), l[0])] if l[0] else []
-    for (text, alpha), v in zip(members, l[1:], strict=True):
+    odd = [((text, abs(a)), v if a > 0 else -v) for (text, a), v in zip(members, l[1:], strict=True)]
+    for (text, alpha), v in odd:
         if v and text in ("sinh(x)", "tanh(x)"):
             terms.append((text[:4], 0, alpha, v))
         elif v and text[:3] == "x**" and text[3:].isdigit() and int(text[3:]) % 2:
