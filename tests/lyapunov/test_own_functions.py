@@ -1,5 +1,6 @@
 """What groups do to themselves: the facets that a pool needs for it, and how deep it is in the cone of forms."""
 
+import runpy
 from dataclasses import replace
 from fractions import Fraction
 
@@ -14,6 +15,7 @@ from persid.lyapunov.sectors import Curve, groups, pool
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import Family
 from persid.models.model import PersidskiiModel
+from places import SHARED
 
 USUAL = Curve(("x**3", "sinh(x)", "tanh(x)"), (Fraction(1),) * 3)
 CANCELLING = np.array([0.4166, -0.0252, 0.0156, 1.0])  # of x, x**3, sinh x, tanh x: positive, but hardly so at 6.1
@@ -106,3 +108,17 @@ def test_one_hard_group_among_many_takes_few_steps_and_unknowns() -> None:
     first, *others = (len(family.products) for family in found.assembly.unknowns.families)
     assert first > np.mean(others) > FEW_FORMS
     assert len(found.assembly.problem.cost) <= 15 * 60
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("n", [60, 120])
+def test_steps_do_not_grow_with_the_states(n: int) -> None:
+    """Networks that columns dominate, coefficients of mixed signs, take some twenty steps and ten unknowns a state."""
+    if not (SHARED / "families.py").is_file():
+        pytest.skip("families.py of the shared data is not on this machine")
+    ((_, _, model),) = runpy.run_path(str(SHARED / "families.py"))["draw"]("column_dominance", n, 1, 1)
+    setting = Setting.of(PersidskiiModel.from_dict(model), None)
+    found = search(setting.system, setting.pools)
+    assert found.status is Status.FEASIBLE
+    assert found.steps <= 25
+    assert len(found.assembly.problem.cost) <= 14 * n
