@@ -20,7 +20,7 @@ from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
 from persid.models.arguments import distinct_names, finite_array, unknown_fields
-from persid.models.functions import ScalarFunction, scalar_function, shifted
+from persid.models.functions import ScalarFunction, scalar_function
 from persid.models.model import Input, PersidskiiModel
 from persid.models.output_equation import OutputEquation
 from persid.models.stable_fit import StableFit
@@ -41,7 +41,7 @@ _FIELDS = (
     "provenance",
 )
 _HOLDS = ("zoh", "foh")
-_MULTIPLIERS = ("beta", "M", "T", "P")  # arrays of a fit that its model does not hold
+_MULTIPLIERS = ("beta", "M", "T", "P", "F")  # arrays of a fit that its model does not hold
 _KIND = ("activation", "dt", "kappa")
 
 
@@ -136,8 +136,7 @@ class OutputModel:
         """
         kept = {name: _listed(getattr(fit, name)) for name in _MULTIPLIERS}
         source = {**(provenance or {}), "fit": {**kept, **{name: getattr(fit, name) for name in _KIND}}}
-        rows = enumerate(fit.beta)
-        terms = [(shifted(fit.activation, float(by)), fit.R[c : c + 1], fit.A1[:, c : c + 1]) for c, by in rows]
+        terms = [(fit.function(c), fit.R[c : c + 1], fit.A1[:, c : c + 1]) for c in range(len(fit.beta))]
         names: Json = {"inputs": fit.inputs or None, "states": fit.states or None}
         latent = PersidskiiModel(fit.A, terms, fit.B, fit.b, x_ref=fit.x_ref, u_ref=fit.u_ref, **names)
         known: Json = {"noise": fit.noise, "x_mean": fit.x_mean, "x_cov": fit.x_cov, "hold": fit.hold}

@@ -9,8 +9,11 @@ from numpy import ndarray
 from scipy.linalg import null_space
 
 from persid.errors import ModelError
+from persid.models.functions import shifted
+from persid.models.learned_curves import table
 
-ACTIVATIONS = ("tanh", "softsign", "arctan")  # slopes in (0, 1], one at 0: the sector that the proof uses
+LEARNED = "pwl"  # a function whose slopes are learnt, between 0 and 1
+ACTIVATIONS = ("tanh", "softsign", "arctan", LEARNED)  # slopes in (0, 1]: the sector that the proof uses
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +24,8 @@ class StableFit:
     but see `with_states`. Where x_ref is given, x stands for x - x_ref in both equations.
     A, A1, B, b are in 1/s (B per unit of u); C, D, d in the units of y (per unit of u for D). h is the output map,
     None or "abs". x0 holds the state at the first sample of every record that was fitted.
+
+    F are the slopes of every neuron's function in the pieces of `learned_curves` where f is learnt, else None.
 
     x_mean and x_cov are mean and covariance of the states along the fitted runs, noise the root-mean-square residual of
     each output there: what is known of a new record's first state before its first outputs are seen.
@@ -61,6 +66,7 @@ class StableFit:
     P: Float[ndarray, "n n"] | None = None
     x_ref: Float[ndarray, " n"] | None = None
     states: tuple[str, ...] = ()
+    F: Float[ndarray, "q k"] | None = None
 
     def with_states(self, measured: Sequence[str]) -> "StableFit":
         """Return the fit in coordinates in which some outputs are the first states, in their own units.
@@ -104,6 +110,11 @@ class StableFit:
             x0=(self.x0 - x_ref) @ S.T, x_mean=S @ (self.x_mean - x_ref), x_cov=S @ self.x_cov @ S.T,
             P=None if self.M is None else np.eye(len(S)) - (R.T * hard) @ R, x_ref=None, states=(),
         )  # fmt: skip
+
+    def function(self, c: int) -> str:
+        """Return the function of a neuron with its shift, as an expression of its row times x."""
+        by = float(self.beta[c])
+        return shifted(self.activation, by) if self.F is None else table(self.F[c], by)
 
     @property
     def metric(self) -> Float[ndarray, "n n"]:

@@ -19,7 +19,8 @@ def batch(activation: str, output_map: str | None, hardening: int = 0) -> Latent
     A = -0.1 * np.eye(N) + 0.05 * rng.normal(size=(2, N, N))
     W = np.concatenate([A, 0.1 * rng.normal(size=(2, N, Q)), 0.3 * rng.normal(size=(2, N, M + 1))], 2)
     V, O = rng.normal(size=(2, Q, N + 1)), rng.normal(size=(2, L, N + M + 1))  # noqa: E741
-    return Latent(W, V, O, rng.normal(size=(2, 2, N)), activation, output_map, hardening)
+    F = rng.uniform(size=(2, Q, 5 if activation == "pwl" else 0))
+    return Latent(W, V, O, rng.normal(size=(2, 2, N)), F, activation, output_map, hardening)
 
 
 def pieces_of(hold: str, length: int) -> Pieces:
@@ -40,7 +41,7 @@ def residuals(latent: Latent, pieces: Pieces) -> np.ndarray:
 
 def differences(latent: Latent, pieces: Pieces) -> np.ndarray:
     columns = []
-    for name in ("W", "V", "O", "x0"):
+    for name in ("W", "V", "F", "O", "x0"):
         given = getattr(latent, name)
         for place in np.ndindex(given.shape[1:]):
             step = np.zeros_like(given)
@@ -52,7 +53,7 @@ def differences(latent: Latent, pieces: Pieces) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("activation", "hold", "output_map", "hardening"),
-    [("tanh", "foh", None, 0), ("softsign", "zoh", "abs", 1), ("arctan", "zoh", None, 3)],
+    [("tanh", "foh", None, 0), ("softsign", "zoh", "abs", 1), ("arctan", "zoh", None, 3), ("pwl", "foh", None, 1)],
 )
 def test_normal_equations_are_those_of_differences(activation, hold, output_map, hardening):
     """J'J and J'r over all parameters and first states are those of finite differences, whatever the pieces."""

@@ -6,19 +6,23 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.models.learned_curves import slope, value, way
+
 
 @dataclass(frozen=True, eq=False)
 class Latent:
     """Hold K models x' = W (x, f(V (x, 1)), u, 1), y = h(O (x, u, 1)), W = [A A1 B b], V = [R beta], O = [C D d].
 
     The first `hardening` neurons are s - f(s) in place of f(s): their slopes lie in [0, 1] as well, and grow from rest.
-    x0 is the state at the first sample of every record.
+    x0 is the state at the first sample of every record. F are the slopes of every neuron's function in its pieces where
+    they are learnt (activation "pwl"), else k = 0.
     """
 
     W: Float[ndarray, "K n w"]
     V: Float[ndarray, "K q r"]
     O: Float[ndarray, "K l o"]  # noqa: E741 the outputs' matrix
     x0: Float[ndarray, "K records n"]
+    F: Float[ndarray, "K q k"]
     activation: str = "tanh"
     output_map: str | None = None
     hardening: int = 0
@@ -69,8 +73,8 @@ class Latent:
         return self.O[:, :, : self.n]
 
     def __getitem__(self, chosen: ndarray | slice) -> "Latent":
-        W, V, O, x0 = (part[chosen] for part in (self.W, self.V, self.O, self.x0))  # noqa: E741
-        return Latent(W, V, O, x0, *self.kind)
+        W, V, O, x0, F = (part[chosen] for part in (self.W, self.V, self.O, self.x0, self.F))  # noqa: E741
+        return Latent(W, V, O, x0, F, *self.kind)
 
     def mapped(self, T: Float[ndarray, "n n"], centre: Float[ndarray, " n"]) -> "Latent":
         """Return the same models with the state T (x - centre)."""
@@ -81,7 +85,7 @@ class Latent:
         W[:, :, -1] += (self.A @ centre) @ T.T
         V[:, :, -1] += self.R @ centre
         O[:, :, -1] += self.C @ centre
-        return Latent(W, V, O, (self.x0 - centre) @ T.T, *self.kind)
+        return Latent(W, V, O, (self.x0 - centre) @ T.T, self.F, *self.kind)
 
     @property
     def kind(self) -> tuple[str, str | None, int]:
@@ -102,13 +106,19 @@ class Latent:
 
     def activated(self, s: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
         """Return what the neurons make of s."""
-        return _turned(activated(self.activation, s), s, self.hardening)
+        return _turned(activated(self.activation, s, self.F), s, self.hardening)
 
     def slopes(self, s: Float[ndarray, "*_ q S"], f: Float[ndarray, "*_ q S"]) -> Float[ndarray, "*_ q S"]:
         """Return the neurons' slopes at s, given their values f."""
         k = self.hardening
-        slopes = slope_of(self.activation, s, _turned(f.copy(), s, k) if k else f)
+        slopes = slope_of(self.activation, s, _turned(f.copy(), s, k) if k else f, self.F)
         return _turned(slopes, np.ones(s.shape[-2:]), k)
+
+    def by_slopes(self, s: Float[ndarray, "t K q S"]) -> Float[ndarray, "t K q k S"]:
+        """Return the derivatives of the neurons by the slopes of their functions: the ways of s in the pieces."""
+        ways = np.moveaxis(way(s, self.F.shape[2]), -1, -2)
+        ways[:, :, : self.hardening] *= -1
+        return ways
 
 
 def _turned(f: ndarray, s: ndarray, count: int) -> ndarray:
@@ -119,16 +129,22 @@ def _turned(f: ndarray, s: ndarray, count: int) -> ndarray:
     return f
 
 
-def activated(name: str, s: ndarray) -> ndarray:
-    """Return f(s) of an activation by name."""
+def activated(name: str, s: Float[ndarray, "*_ q S"], F: Float[ndarray, "*_ q k"]) -> Float[ndarray, "*_ q S"]:
+    """Return f(s) of an activation by name; of learned functions with slopes F."""
+    if name == "pwl":
+        return value(s, F)
     if name == "softsign":
         return np.asarray(s / (1 + np.abs(s)))
     found: ndarray = getattr(np, name)(s)
     return found
 
 
-def slope_of(name: str, s: ndarray, f: ndarray) -> ndarray:
+def slope_of(
+    name: str, s: Float[ndarray, "*_ q S"], f: Float[ndarray, "*_ q S"], F: Float[ndarray, "*_ q k"]
+) -> Float[ndarray, "*_ q S"]:
     """Return f'(s), given f = f(s)."""
+    if name == "pwl":
+        return slope(s, F)
     if name == "tanh":
         return np.asarray(1 - f * f)
     return np.asarray((1 + np.abs(s)) ** -2.0 if name == "softsign" else 1 / (1 + s * s))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from persid.identification.outputs.curves import Curves
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.parametrisation import Proved, Shape, proved
 from persid.identification.outputs.records import Pieces
@@ -44,30 +45,38 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Free:
-    """w is (W, V, O) itself."""
+    """w is (W, V, parameters of the learned curves, O)."""
 
     n: int
     q: int
     m: int
     l: int  # noqa: E741
     free: Bool[ndarray, " p"]
+    curves: Curves = Curves()
 
     def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
         """Return the models as they stand."""
-        W, V, O = split(batch.w, self.n, self.q, self.m, self.l)  # noqa: E741
-        latent = Latent(W, V, O, batch.x0, *batch.kind)
-        unit = np.broadcast_to(np.eye(batch.w.shape[1]), (len(W), *np.eye(batch.w.shape[1]).shape))
-        return latent, unit, np.ones(len(W), bool)
+        n, q, m, l, K = self.n, self.q, self.m, self.l, len(batch.w)  # noqa: E741
+        first, curves = n * (n + q + m + 1) + q * (n + 1), self.curves.size
+        dynamics, c, outputs = np.split(batch.w, [first, first + curves], 1)
+        F, dF = self.curves.slopes(c)
+        W, V, F, O = split(np.hstack([dynamics, F.reshape(K, -1), outputs]), n, q, m, l)  # noqa: E741
+        D = np.zeros((K, batch.w.shape[1], first + dF.shape[2] + outputs.shape[1]))
+        D[:, :first, :first] = np.eye(first)
+        D[:, first : first + curves, first : first + dF.shape[2]] = dF
+        D[:, first + curves :, first + dF.shape[2] :] = np.eye(outputs.shape[1])
+        return Latent(W, V, O, batch.x0, F, *batch.kind), D, np.ones(K, bool)
 
 
 @dataclass(frozen=True, eq=False)
 class Stable:
-    """w is (the stable parameters, [B b], beta, O)."""
+    """w is (the stable parameters, [B b], beta, parameters of the learned curves, O)."""
 
     shape: Shape
     m: int
     l: int  # noqa: E741
     free: Bool[ndarray, " p"]
+    curves: Curves = Curves()
 
     @property
     def n(self) -> int:
@@ -81,9 +90,9 @@ class Stable:
 
     @property
     def width(self) -> int:
-        """Number of entries of (W, V, O)."""
+        """Number of entries of (W, V, F, O)."""
         n, q, m = self.shape.n, self.shape.q, self.m
-        return n * (n + q + m + 1) + q * (n + 1) + self.l * (n + m + 1)
+        return n * (n + q + m + 1) + q * (n + 1) + q * self.curves.pieces + self.l * (n + m + 1)
 
     def proved(self, batch: Batch) -> Proved:
         """Return the models with their multipliers."""
@@ -93,29 +102,33 @@ class Stable:
         """Return the models, by the chain rule through the parametrisation."""
         n, q, m, l, p = self.shape.n, self.shape.q, self.m, self.l, self.shape.size  # noqa: E741
         found, slopes = proved(self.shape, batch.w[:, :p])
-        forces, beta, outputs = np.split(batch.w[:, p:], [n * (m + 1), n * (m + 1) + q], 1)
-        K = len(batch.w)
+        ends = np.cumsum([n * (m + 1), q, self.curves.size])
+        forces, beta, c, outputs = np.split(batch.w[:, p:], ends, 1)
+        K, (F, dF) = len(batch.w), self.curves.slopes(c)
         W = np.concatenate([found.A, found.A1, forces.reshape(K, n, m + 1)], 2)
         V = np.concatenate([found.R, beta[:, :, None]], 2)
-        places = np.arange(W[0].size + V[0].size + outputs.shape[1])
-        iW, iV, iO = split(places[None], n, q, m, l)
+        places = np.arange(W[0].size + V[0].size + F[0].size + outputs.shape[1])
+        iW, iV, iF, iO = split(places[None], n, q, m, l)
         stable = np.concatenate([iW[0, :, :n].ravel(), iW[0, :, n : n + q].ravel(), iV[0, :, :n].ravel()])
         plain = np.concatenate([iW[0, :, n + q :].ravel(), iV[0, :, n].ravel(), iO[0].ravel()])
         D = np.zeros((K, batch.w.shape[1], len(places)))
         D[:, :p, stable] = slopes
-        D[:, np.arange(p, batch.w.shape[1]), plain] = 1.0
-        latent = Latent(W, V, outputs.reshape(K, l, -1), batch.x0, *batch.kind)
+        learned = p + ends[1] + np.arange(self.curves.size)
+        D[:, np.delete(np.arange(batch.w.shape[1]), learned)[p:], plain] = 1.0
+        D[:, learned[:, None], iF.ravel()] = dF
+        latent = Latent(W, V, outputs.reshape(K, l, -1), batch.x0, F, *batch.kind)
         return latent, D, found.valid
 
 
 Parameters = Free | Stable
 
 
-def split(theta: ndarray, n: int, q: int, m: int, l: int) -> tuple[ndarray, ndarray, ndarray]:  # noqa: E741
-    """Return the matrices W, V, O of flat parameters."""
-    W, V, O = np.split(theta, np.cumsum([n * (n + q + m + 1), q * (n + 1)]), 1)  # noqa: E741
-    K = len(theta)
-    return W.reshape(K, n, n + q + m + 1), V.reshape(K, q, n + 1), O.reshape(K, l, n + m + 1)
+def split(theta: ndarray, n: int, q: int, m: int, l: int) -> tuple[ndarray, ndarray, ndarray, ndarray]:  # noqa: E741
+    """Return the arrays W, V, F, O of flat entries."""
+    K, last = len(theta), theta.shape[1] - l * (n + m + 1)
+    W, V, F, O = np.split(theta, [*np.cumsum([n * (n + q + m + 1), q * (n + 1)]), last], 1)  # noqa: E741
+    k = F.shape[1] // max(q, 1)
+    return W.reshape(K, n, n + q + m + 1), V.reshape(K, q, n + 1), F.reshape(K, q, k), O.reshape(K, l, n + m + 1)
 
 
 @dataclass(eq=False)
@@ -180,8 +193,8 @@ def slopes_of(values: Float[ndarray, "two_p e"], h: Float[ndarray, " p"]) -> Flo
 
 
 def theta_of(latent: Latent) -> Float[ndarray, "K d"]:
-    """Return (W, V, O) of every model in one row."""
-    return np.concatenate([part.reshape(len(part), -1) for part in (latent.W, latent.V, latent.O)], 1)
+    """Return (W, V, F, O) of every model in one row."""
+    return np.concatenate([part.reshape(len(part), -1) for part in (latent.W, latent.V, latent.F, latent.O)], 1)
 
 
 def evaluated(
@@ -246,7 +259,7 @@ class _Arrow(NamedTuple):
 
 
 class _Linear(NamedTuple):
-    """What one model's step needs: its sums, (W, V, O) by its parameters, the pieces' starts by (W, V, O) and by x0."""
+    """What one model's step needs: its sums, (W, V, F, O) by its parameters, the pieces' starts by (W, V, F, O) and by x0."""
 
     sums: _Arrow
     D: Float[ndarray, "p d"]

@@ -64,7 +64,8 @@ def _with_hardening_first(fit: StableFit) -> tuple[StableFit, int]:
     if fit.M is None or fit.T is None:
         return fit, 0
     order = np.argsort(fit.M >= 0, kind="stable")
-    moved = replace(fit, R=fit.R[order], beta=fit.beta[order], A1=fit.A1[:, order], M=fit.M[order], T=fit.T[order])
+    moved = replace(fit, R=fit.R[order], beta=fit.beta[order], A1=fit.A1[:, order], M=fit.M[order], T=fit.T[order],
+        F=None if fit.F is None else fit.F[order])
     return moved, int((fit.M < 0).sum())
 
 
@@ -90,6 +91,7 @@ def _standardised(fit: StableFit, records: Sequence[Record], scales: Scales, dt:
         V=V[None],
         O=outputs[None],
         x0=np.array(x0)[None],
+        F=np.zeros((1, len(fit.R), 0)) if fit.F is None else fit.F[None],
         activation=fit.activation,
         output_map=fit.output_map,
     )

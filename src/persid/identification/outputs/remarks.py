@@ -19,7 +19,8 @@ def remarks_on(fit: StableFit, held_out: float, samples: int, names: Sequence[st
 def _integrating(fit: StableFit, samples: int, names: Sequence[str]) -> Iterator[str]:
     """Name the outputs that the slowest mode of the linearisation about the mean state carries."""
     s = fit.R @ fit.x_mean + fit.beta
-    slope = slope_of(fit.activation, s, activated(fit.activation, s))
+    F = np.zeros((len(s), 0)) if fit.F is None else fit.F
+    slope = slope_of(fit.activation, s[:, None], activated(fit.activation, s[:, None], F), F)[:, 0]
     poles, V = np.linalg.eig(fit.A + (fit.A1 * slope) @ fit.R)
     slow = int(np.argmax(poles.real))
     length = samples * fit.dt

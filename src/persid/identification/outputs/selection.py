@@ -10,6 +10,7 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.identification.outputs import least_squares, starts
+from persid.identification.outputs.curves import Smooth
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Task
 from persid.identification.outputs.records import Pieces, Record
@@ -32,6 +33,9 @@ HOPELESS = 3.0  # times the least held-out error, of these or of an earlier race
 SETTLED = 3e-4  # relative gain of the cost in one step, below which a candidate changes no choice
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
+import os
+SMOOTH = float(os.environ.get("SMOOTH", 1e-3))
+PIECES = int(os.environ.get("PIECES", 8))
 MOST = 8  # neurons tried
 HARDENING = ((1, 1), (2, 1), (4, 2))  # tried where loud samples are held out, which tell how a model extrapolates
 LOUD = 0.05  # of the fitted samples, held out too where there are more samples than the search takes
@@ -236,7 +240,8 @@ def group_of(
     seen = moments(linear.latent, pieces, linear.start, 2)
     white = starts.whitened(linear.latent, seen.mean, seen.cov)
     effect = 0.0 if question.certified else 0.01
-    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation, hardening)
+    pieces_of_curve = PIECES if question.activation == "pwl" else 0
+    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation, hardening, pieces_of_curve)
     parameters: Parameters
     if question.certified:
         parameters, batch, _ = starts.stable_batch(latent, linear.freedom, question.kappa)
@@ -244,7 +249,8 @@ def group_of(
         parameters, batch = starts.free_batch(latent, linear.freedom)
     weights = np.array([ridge for ridge, _ in pairs])
     ridge = ridge_of(latent, weights * linear.error**2)
-    task = Task(pieces, parameters, ridge, substeps_for(latent), SETTLED)
+    terms = (Smooth(SMOOTH * linear.error**2),) if question.activation == "pwl" else ()
+    task = Task(pieces, parameters, ridge, substeps_for(latent), SETTLED, terms)
     one = least_squares.begun(replace(task, ridge=ridge[:1]), batch[slice(1)])  # neurons have little effect, or none
     fit = least_squares.begun(task, batch, near=(one.start, one.flow))
     return Group(q, linear.freedom, weights, tuple(seed for _, seed in pairs), task, fit)
@@ -252,10 +258,10 @@ def group_of(
 
 def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
     """Return the ridge: it acts on A1 and R."""
-    W, V, O = (np.zeros_like(part[:1]) for part in (latent.W, latent.V, latent.O))  # noqa: E741
+    W, V, F, O = (np.zeros_like(part[:1]) for part in (latent.W, latent.V, latent.F, latent.O))  # noqa: E741
     W[:, :, latent.n : latent.n + latent.q] = 1.0
     V[:, :, :-1] = 1.0
-    return np.asarray(weights[:, None] * np.concatenate([part.ravel() for part in (W, V, O)]))
+    return np.asarray(weights[:, None] * np.concatenate([part.ravel() for part in (W, V, F, O)]))
 
 
 def raced(

@@ -17,9 +17,9 @@ CHUNK = 1024  # samples of them at a time: their derivatives stay in the cache
 
 
 class Normal(NamedTuple):
-    """Hold J'J and J'r of K models over their parameters (W, V, O) and over every record's x0.
+    """Hold J'J and J'r of K models over their parameters (W, V, F, O) and over every record's x0.
 
-    `flow` is the derivative of a piece's end by its start; `reach` and `own` are those of a start by (W, V, O) and x0.
+    `flow` is the derivative of a piece's end by its start; `reach` and `own` are those of a start by (W, V, F, O) and x0.
     """
 
     H: Float[ndarray, "K p p"]
@@ -33,7 +33,7 @@ class Normal(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Gauss-Newton sums in which every piece has its own start: J'J and J'r over (W, V, O); blocks with the starts."""
+    """Gauss-Newton sums in which every piece has its own start: J'J and J'r over (W, V, F, O); blocks with the starts."""
 
     H: Float[ndarray, "K p p"]
     g: Float[ndarray, "K p"]
@@ -65,9 +65,9 @@ def _added(found: Sequence["_Sums"]) -> "_Sums":
 
 
 def _block(latent: Latent, pieces: Pieces, states: Float[ndarray, "steps K n S"], substeps: int) -> "_Sums":
-    """Return J'J, J'r of a block over (W, V, O), its blocks with every piece's start, the flows and the drifts."""
+    """Return J'J, J'r of a block over (W, V, F, O), its blocks with every piece's start, the flows and the drifts."""
     n, L, K, S = latent.n, pieces.length, len(latent.W), states.shape[-1]
-    d, p = latent.W[0].size + latent.V[0].size, latent.O[0].size
+    d, p = latent.W[0].size + latent.V[0].size + latent.F[0].size, latent.O[0].size
     sums = [np.zeros(form) for form in ((K, d + p, d + p), (K, d + p), (K, d + p, n, S), (K, n, n, S), (K, n, S))]
     S_now = np.zeros((K, n, d + n, S))
     S_now[:, np.arange(n), d + np.arange(n)] = 1.0
@@ -88,7 +88,7 @@ def _block(latent: Latent, pieces: Pieces, states: Float[ndarray, "steps K n S"]
 def _seen(
     latent: Latent, pieces: Pieces, x: Float[ndarray, "t K n S"], S_now: Float[ndarray, "K n e S"], substeps: int
 ) -> tuple[Float[ndarray, "K p L l S"], Float[ndarray, "K n e S"], Float[ndarray, "K L l S"]]:
-    """Return J over ((W, V), O, start) at some samples, the states' derivatives after them, and the errors."""
+    """Return J over ((W, V, F), O, start) at some samples, the states' derivatives after them, and the errors."""
     (K, n, e, S), L, m, l = S_now.shape, pieces.length, latent.m, latent.O.shape[1]  # noqa: E741
     d, p = e - n, latent.O[0].size
     at = x[::substeps]
@@ -115,7 +115,7 @@ def _seen(
 def _steps(
     latent: Latent, x: Float[ndarray, "t K n S"], pieces: Pieces, substeps: int
 ) -> tuple[Float[ndarray, "t K n n S"], Float[ndarray, "t K n d S"]]:
-    """Return the derivatives of every Runge-Kutta step by its state and by (W, V).
+    """Return the derivatives of every Runge-Kutta step by its state and by (W, V, F).
 
     A step is x + sum h w_i k_i, so that d(step) = dx + sum M_i (J_i dx + F_i dtheta) with M_i the derivative by k_i:
     M_4 = h/6, M_i = h w_i + h c_(i+1) M_(i+1) J_(i+1).
@@ -135,31 +135,31 @@ def _steps(
         drive = (u + (time + place * h) * rise)[:, None]
         k = G @ np.concatenate([z, f], 2) + latent.B @ drive + latent.b[:, :, None]
         J = (products @ slope).reshape(t, K, n, n, S) + A[..., None]
-        stages.append((z, f, slope, np.broadcast_to(drive, (t, K, latent.m, S)), J))
+        stages.append((z, f, slope, np.broadcast_to(drive, (t, K, latent.m, S)), J, latent.by_slopes(s)))
     unit = np.broadcast_to(np.eye(n)[..., None], (t, K, n, n, S))
     M = h / 6 * unit
     flow = unit
     drift_W, one = np.zeros((t, K, n, n, n + q + latent.m + 1, S)), np.ones((t, K, 1, S))
-    drift_V = np.zeros((t, K, n, q, n + 1, S))
+    drift_V, drift_F = np.zeros((t, K, n, q, n + 1, S)), np.zeros((t, K, n, *latent.F.shape[1:], S))
     for i in range(3, -1, -1):
-        z, f, slope, drive, J = stages[i]
+        z, f, slope, drive, J, ways = stages[i]
         MJ = np.einsum("tkias,tkajs->tkijs", M, J)
         flow = flow + MJ
         seen = np.concatenate([z, f, drive, one], 2)
         drift_W += M[:, :, :, :, None] * seen[:, :, None, None]
-        MA = (np.swapaxes(A1, 1, 2)[:, None] @ M) * slope[:, :, None]
+        MA = np.swapaxes(A1, 1, 2)[:, None] @ M
         rows = np.concatenate([z, one], 2)
-        drift_V += MA[:, :, :, :, None] * rows[:, :, None, None]
+        drift_V += (MA * slope[:, :, None])[:, :, :, :, None] * rows[:, :, None, None]
+        drift_F += MA[:, :, :, :, None] * ways[:, :, None]
         if i:
             M = h * STAGES[i - 1][1] * unit + h * STAGES[i][0] * MJ
-    drift = np.concatenate([drift_W.reshape(t, K, n, -1, S), drift_V.reshape(t, K, n, -1, S)], 3)
-    return flow, drift
+    return flow, np.concatenate([part.reshape(t, K, n, -1, S) for part in (drift_W, drift_V, drift_F)], 3)
 
 
 def _chained(pieces: Pieces, sums: _Sums) -> Normal:
     """Return the sums over the parameters and every record's first state, the pieces' starts being what they are.
 
-    A start depends on (W, V) by E and on its record's first state by F: E, F are 0, 1 at the first piece and carried on
+    A start depends on (W, V, F) by E and on its record's first state by F: E, F are 0, 1 at the first piece and carried on
     by the flow of each piece, with its drift.
     """
     H, g, side, corner, g0, flow, drift = sums

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.linalg import solve_continuous_lyapunov
 
+from persid.identification.outputs.curves import Curves, first_slopes
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.least_squares import Batch, Free, Stable, theta_of
 from persid.identification.outputs.parametrisation import (
@@ -26,10 +27,17 @@ SHIFTS = 1.5  # beta is drawn from +- so many standard deviations of its argumen
 
 @dataclass(frozen=True)
 class Freedom:
-    """Say whether D is fitted, and offsets b: they tell more than d where a mode outlasts the records."""
+    """Say whether D is fitted, and offsets b: they tell more than d where a mode outlasts the records; and whether
+    neurons share one learned curve.
+    """
 
     through: bool
     offset: bool = False
+    one_curve: bool = bool(int(__import__("os").environ.get("ONE","1")))
+
+    def curves(self, latent: Latent) -> Curves:
+        """Return which curves are learnt of these models."""
+        return Curves(*latent.F.shape[1:], self.one_curve)
 
     def mask(self, size: int, latent: Latent, start: int, width: int) -> Bool[ndarray, " size"]:
         """Return which of `size` parameters are free; b is the last column of n rows of that width, from `start`."""
@@ -49,6 +57,7 @@ def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
         V=np.zeros((1, 0, n + 1)),
         O=O,
         x0=linear.x0[None],
+        F=np.zeros((1, 0, 0)),
         activation="tanh",
         output_map=output_map,
     )
@@ -56,9 +65,9 @@ def latent_of(linear: Linear, output_map: str | None = None) -> Latent:
 
 def stacked(latents: list[Latent]) -> Latent:
     """Return one batch of several."""
-    names = ("W", "V", "O", "x0")
-    W, V, O, x0 = (np.concatenate([getattr(latent, name) for latent in latents]) for name in names)  # noqa: E741
-    return Latent(W, V, O, x0, *latents[0].kind)
+    names = ("W", "V", "O", "x0", "F")
+    W, V, O, x0, F = (np.concatenate([getattr(latent, name) for latent in latents]) for name in names)  # noqa: E741
+    return Latent(W, V, O, x0, F, *latents[0].kind)
 
 
 def whitened(latent: Latent, mean: Float[ndarray, " n"], cov: Float[ndarray, "n n"]) -> Latent:
@@ -74,9 +83,12 @@ def _whitening(cov: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
 
 
 def with_neurons(
-    latent: Latent, q: int, seeds: list[int], effect: float, activation: str, hardening: int = 0
+    latent: Latent, q: int, seeds: list[int], effect: float, activation: str, hardening: int = 0, pieces: int = 0
 ) -> Latent:
-    """Return a linear model with q random neurons, once for every seed: rows of length 1, effects of that size."""
+    """Return a linear model with q random neurons, once for every seed: rows of length 1, effects of that size.
+
+    Learned curves begin as that of tanh.
+    """
     n, found = latent.n, []
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -91,6 +103,7 @@ def with_neurons(
                 V=V,
                 O=latent.O,
                 x0=latent.x0,
+                F=np.tile(first_slopes(pieces), (1, q, 1)),
                 activation=activation,
                 output_map=latent.output_map,
                 hardening=hardening,
@@ -102,8 +115,11 @@ def with_neurons(
 def free_batch(latent: Latent, freedom: Freedom) -> tuple[Free, Batch]:
     """Return the free parametrisation and the point in it of a batch of models."""
     n, q, m, l = latent.n, latent.q, latent.m, latent.O.shape[1]  # noqa: E741
-    free = freedom.mask(theta_of(latent).shape[1], latent, 0, n + q + m + 1)
-    return Free(n, q, m, l, free), Batch(theta_of(latent), latent.x0.copy(), *latent.kind)
+    curves = freedom.curves(latent)
+    parts = (latent.W, latent.V, curves.parameters(latent.F), latent.O)
+    w = np.concatenate([part.reshape(len(part), -1) for part in parts], 1)
+    free = freedom.mask(w.shape[1], latent, 0, n + q + m + 1)
+    return Free(n, q, m, l, free, curves), Batch(w, latent.x0.copy(), *latent.kind)
 
 
 def stable_batch(latent: Latent, freedom: Freedom, kappa: float = 0.0) -> tuple[Stable, Batch, Latent]:
@@ -143,7 +159,8 @@ def grown(
         row = row / np.linalg.norm(row) @ _whitening(cov)
         V = np.insert(latent.V, place, np.append(row, rng.uniform(-SHIFTS, SHIFTS) - row @ mean), 1)
         W = np.insert(latent.W, latent.n + place, 0.0, 2)
-        points.append(replace(latent, W=W, V=V, hardening=latent.hardening + hardens))
+        F = np.insert(latent.F, place, latent.F[:, 0], 1)
+        points.append(replace(latent, W=W, V=V, F=F, hardening=latent.hardening + hardens))
     if isinstance(parameters, Free):
         return free_batch(stacked(points), freedom)
     shape, had = replace(parameters.shape, q=parameters.q + 1), parameters.proved(batch)
@@ -157,9 +174,11 @@ def stable_point(shape: Shape, v: Float[ndarray, "K p"], latent: Latent, freedom
     """Return the parametrisation, and the point with parameters v and the other entries of the models."""
     n, m, l = latent.n, latent.m, latent.O.shape[1]  # noqa: E741
     forces = latent.W[:, :, n + latent.q :]
-    w = np.concatenate([v, *(part.reshape(len(v), -1) for part in (forces, latent.V[:, :, -1], latent.O))], 1)
+    curves = freedom.curves(latent)
+    parts = (forces, latent.V[:, :, -1], curves.parameters(latent.F), latent.O)
+    w = np.concatenate([v, *(part.reshape(len(v), -1) for part in parts)], 1)
     free = freedom.mask(w.shape[1], latent, shape.size, m + 1)
-    return Stable(shape, m, l, free), Batch(w, latent.x0.copy(), *latent.kind)
+    return Stable(shape, m, l, free, curves), Batch(w, latent.x0.copy(), *latent.kind)
 
 
 def slack(A: Float[ndarray, "K n n"], kappa: float) -> float:
