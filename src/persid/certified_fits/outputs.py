@@ -67,7 +67,10 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     ridge, feedthrough and seed are chosen by free runs on the last quarter of every record.
 
     order: number of states, or "auto".  neurons: number of functions f, or "auto"; 0 is a linear model.
-    activation: f, "tanh", "softsign" or "arctan".  feedthrough: whether D is fitted, or "auto".
+    functions: what f may be: "tanh", "softsign", "arctan", and "pwl", a piecewise linear curve whose slopes are learnt
+        with the model, none of them negative. Which one it is the held-out samples decide.
+    one_curve: the neurons share one learned curve; else each has its own.
+    feedthrough: whether D is fitted, or "auto".
     hold: "zoh" (inputs are held) or "foh" (straight lines between samples).
     output: h, None or "abs" (a sensor that ignores the sign).
     measured: names of outputs that are states themselves: they become the first states, without feedthrough and in
@@ -102,7 +105,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         order: int | str = "auto",
         neurons: int | str = "auto",
         *,
-        activation: str = "tanh",
+        functions: Sequence[str] = ("tanh",),
+        one_curve: bool = False,
         feedthrough: bool | str = "auto",
         hold: str = "zoh",
         output: str | None = None,
@@ -119,7 +123,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     ) -> None:
         self.order = order
         self.neurons = neurons
-        self.activation = activation
+        self.functions = functions
+        self.one_curve = one_curve
         self.feedthrough = feedthrough
         self.hold = hold
         self.output = output
@@ -188,7 +193,8 @@ class OutputIdentifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             order=None if self.order == "auto" else int(self.order),
             neurons=None if self.neurons == "auto" else int(self.neurons),
             feedthrough=None if self.feedthrough == "auto" and not self.measured else self.feedthrough is True,
-            activation=self.activation,
+            functions=tuple(self.functions),
+            one_curve=self.one_curve,
             output_map=self.output,
             hold=self.hold,
             certified=self.certified,
@@ -343,8 +349,8 @@ def _check_options(given: OutputIdentifier) -> None:
         value = getattr(given, name)
         if value != "auto" and (not isinstance(value, int | np.integer) or value < least):
             raise DataError(f'{name} is {value!r}; it is "auto" or a whole number of at least {least}')
-    if given.activation not in ACTIVATIONS:
-        raise DataError(f"activation is {given.activation!r}; it is one of {', '.join(ACTIVATIONS)}")
+    if isinstance(given.functions, str) or not given.functions or not set(given.functions) <= set(ACTIVATIONS):
+        raise DataError(f"functions is {given.functions!r}; it is a list of {', '.join(ACTIVATIONS)}")
     if given.hold not in ("zoh", "foh"):
         raise DataError(f'hold is {given.hold!r}; it is "zoh" or "foh"')
     if given.output not in (None, "abs"):

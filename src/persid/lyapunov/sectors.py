@@ -312,6 +312,19 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
     return tuple(found)
 
 
+def unit_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
+    """Return f_j and a_j y - f_j for functions whose slopes are proved to lie in [0, 1], on all of R.
+
+    Those of a learned curve lie closer together; but the multipliers of a fit belong to these forms.
+    """
+    found = []
+    for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
+        for form in ((0.0, 1.0), (_above(factor), -1.0)):
+            if prove_nondecreasing(((scalar_function(text).program, factor),), [Fraction(c) for c in form]):
+                found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
+    return tuple(found)
+
+
 def _above(number: Fraction) -> float:
     """Return the least float that is no less."""
     nearest = float(number)

@@ -21,7 +21,7 @@ from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.multipliers import Chosen, Lyapunov
 from persid.lyapunov.operating_points import find_operating_point
-from persid.lyapunov.sectors import slope_forms
+from persid.lyapunov.sectors import unit_forms
 from persid.lyapunov.shifted_model import Setting
 from persid.models.outputs import OutputModel
 from persid.models.stable_fit import StableFit
@@ -102,7 +102,7 @@ def _own(fit: StableFit, model: OutputModel, min_rate: float, progress: Progress
     if not points:
         return None
     setting = Setting.of(model.dynamics, points[0])
-    if not all(len(slope_forms(group.curve)) == 2 * len(group.channels) for group in setting.found):
+    if not all(len(unit_forms(group.curve)) == 2 * len(group.channels) for group in setting.found):
         return None  # a neuron's slope is not proved to lie in [0, 1]
     hard = np.minimum(fit.M, 0.0)
     P = np.eye(model.dynamics.n) if fit.P is None else rounded(fit.metric + (fit.R.T * hard) @ fit.R)
@@ -129,7 +129,7 @@ def _chosen(setting: Setting, M: Float[ndarray, " q"], T: Float[ndarray, " q"]) 
     found = []
     for group in setting.found:
         count = len(group.channels)
-        forms = np.array(slope_forms(group.curve)).reshape(-1, 1 + count)
+        forms = np.array(unit_forms(group.curve)).reshape(-1, 1 + count)
         channels = list(group.channels)
         per_row = M[channels] * [float(factor) for factor in group.curve.factors]
         mu = np.stack([np.maximum(per_row, 0.0), np.maximum(-per_row, 0.0)], 1).ravel()

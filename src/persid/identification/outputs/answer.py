@@ -15,8 +15,8 @@ from persid.identification.outputs.least_squares import Fit, Stable, Task, Term
 from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.remarks import LEAKS, remarks_on
 from persid.identification.outputs.runs import moments
-from persid.identification.outputs.selection import BETTER, Candidate, Group, LinearFit, Question, Winner
-from persid.models.stable_fit import StableFit
+from persid.identification.outputs.selection import BETTER, Candidate, Group, Kind, LinearFit, Question, Winner
+from persid.models.stable_fit import LEARNED, StableFit
 
 Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
@@ -205,7 +205,12 @@ class _Search:
         chosen = [k for k, one in enumerate(stable) if one.latent.n in (first, first + 1)]
         for k in chosen:
             self._doubt(linear[k], stable[k])
-        self._race([stable[k] for k in chosen], self._sizes())
+        some = [stable[k] for k in chosen]
+        if kinds := self._kinds():
+            self._race(some, kinds)
+        if curves := self._curves():
+            some = [one for one in some if not self.groups or one.latent.n == self._best()[0].order]
+            self._race(some, curves, selection.RIDGES[:1])
         while self.question.order is None and (self._climbs(linear) or (self._is_coarse() and self._climbs(linear))):
             pass
         best, group, k = self._best()
@@ -226,7 +231,7 @@ class _Search:
         if not self.groups:
             least = selection.best_order(linear)
             best = self._stabilised(next(one for one in linear if one.latent.n == least))
-            self.groups.append(selection.group_of(best, 0, self.question, self.pieces, (0.0,)))
+            self.groups.append(selection.group_of(best, Kind(0), self.question, self.pieces, (0.0,)))
 
     def winner(self) -> Winner:
         """Return the best candidate with its parameters."""
@@ -238,13 +243,21 @@ class _Search:
         good = [one for one in ranking if BETTER * one[0].held_out <= ranking[0][0].held_out]
         return min(good, key=lambda one: one[1].task.parameters.free.sum())
 
-    def _sizes(self) -> list[tuple[int, int]]:
-        """Return numbers of neurons, with how many of them harden."""
-        values, asked = self.pieces.values, self.question.neurons
-        if asked is not None:
-            return sorted({(asked, 0), (asked, (asked + 1) // 2 * self.question.certified)})
-        sizes = (*selection.SIZES, *(selection.HARDENING if self.loud and self.question.certified else ()))
-        return [(0, 0), *((q, hard) for q, hard in sizes if 20 * q < values)]
+    def _kinds(self) -> list[Kind]:
+        """Return numbers of neurons of every given function, with how many of them harden, and none."""
+        values, asked, certified = self.pieces.values, self.question.neurons, self.question.certified
+        given = [function for function in self.question.functions if function != LEARNED]
+        if not asked:
+            sizes = (*selection.SIZES, *(selection.HARDENING if self.loud and certified else ())) if asked is None else ()
+            return [Kind(0), *(Kind(q, hard, function) for function in given for q, hard in sizes if 20 * q < values)]
+        return [Kind(asked, hard, function) for function in given for hard in sorted({0, (asked + 1) // 2 * certified})]
+
+    def _curves(self) -> list[Kind]:
+        """Return few neurons whose function is learnt; any of them may harden, since its shape does not tell."""
+        q = selection.CURVES if self.question.neurons is None else self.question.neurons
+        if LEARNED not in self.question.functions or not 20 * (q + selection.PIECES) < self.pieces.values or not q:
+            return []
+        return [Kind(q, hard, LEARNED) for hard in range(q * self.question.certified + 1)]
 
     def _stabilised(self, linear: LinearFit) -> LinearFit:
         return selection.stabilised(linear, self.pieces, self.question) if self.question.certified else linear
@@ -260,12 +273,12 @@ class _Search:
             )
 
     def _race(
-        self, linear: Sequence[LinearFit], sizes: Sequence[tuple[int, int]], ridges: Sequence[float] = ()
+        self, linear: Sequence[LinearFit], kinds: Sequence[Kind], ridges: Sequence[float] = ()
     ) -> None:
         groups = [
-            selection.group_of(one, q, self.question, self.pieces, ridges or self.question.ridges, hardening)
+            selection.group_of(one, kind, self.question, self.pieces, ridges or self.question.ridges)
             for one in linear
-            for q, hardening in sizes
+            for kind in kinds
         ]
         self.groups += groups
         rungs = selection.LONG_RUNGS if self.loud else selection.RUNGS
@@ -289,7 +302,8 @@ class _Search:
             return False
         stable = self._stabilised(found)
         self._doubt(found, stable)
-        self._race([stable], [(best.neurons, best.hardening)], [best.ridge] if best.neurons else ())
+        kind = Kind(best.neurons, best.hardening, best.function)
+        self._race([stable], [kind], [best.ridge] if best.neurons else ())
         return self._best()[0].held_out < BETTER * best.held_out
 
     def _is_coarse(self) -> bool:
@@ -334,7 +348,7 @@ def _on_all(winner: Winner, standard: Sequence[Record], question: Question, tell
 def _refitted(winner: Winner, pieces: Pieces, steps: int, tell: Tell) -> tuple[Winner, bool]:
     """Return the winner after steps on these pieces, and whether they were interrupted."""
     ridge = selection.ridge_of(winner.latent, np.array([winner.ridge]))
-    task = Task(pieces, winner.parameters, ridge, winner.substeps)
+    task = Task(pieces, winner.parameters, ridge, winner.substeps, terms=winner.terms)
     fit, interrupted = None, False
     try:
         own = replace(winner.batch, w=winner.batch.w.copy(), x0=winner.batch.x0.copy())

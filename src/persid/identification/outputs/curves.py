@@ -1,7 +1,6 @@
 """Learned curves of neurons: slopes between 0 and 1 by parameters without bounds, one curve for all or one for each."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -51,24 +50,3 @@ class Curves:
         """Return the parameters of slopes, those of the first neuron where all share one curve."""
         share = np.clip((F.reshape(len(F), -1)[:, : self.size] - FLATTEST) / (1 - 2 * FLATTEST), 1e-6, 1 - 1e-6)
         return np.asarray(np.log(share / (1 - share)))
-
-
-@dataclass(frozen=True)
-class Smooth:
-    """Keep learned curves smooth: a term weight / 2 sum (slope_(j+1) - slope_j)^2 of the cost of a fit."""
-
-    weight: float
-
-    def cost(self, parameters: Any, batch: Any) -> Float[ndarray, " K"]:
-        """Return the term."""
-        F = parameters.latent(batch)[0].F
-        return np.asarray(self.weight / 2 * (np.diff(F, axis=2) ** 2).sum((1, 2)))
-
-    def pull(self, parameters: Any, batch: Any) -> tuple[Float[ndarray, "K p"], Float[ndarray, "K p p"]]:
-        """Return its gradient and Gauss-Newton form."""
-        latent, D, _ = parameters.latent(batch)
-        K, q, k = latent.F.shape
-        first = latent.W[0].size + latent.V[0].size
-        dF = D[:, :, first : first + q * k].reshape(K, -1, q, k)
-        rise, d = np.diff(dF, axis=3).reshape(K, D.shape[1], -1), np.diff(latent.F, axis=2).reshape(K, -1, 1)
-        return self.weight * (rise @ d)[..., 0], self.weight * rise @ np.swapaxes(rise, 1, 2)

@@ -54,17 +54,23 @@ class Free:
     free: Bool[ndarray, " p"]
     curves: Curves = Curves()
 
+    @property
+    def learned(self) -> slice:
+        """Where the parameters of the curves stand in w."""
+        first = self.n * (self.n + self.q + self.m + 1) + self.q * (self.n + 1)
+        return slice(first, first + self.curves.size)
+
     def latent(self, batch: Batch) -> tuple[Latent, Float[ndarray, "K p d"], Bool[ndarray, " K"]]:
         """Return the models as they stand."""
-        n, q, m, l, K = self.n, self.q, self.m, self.l, len(batch.w)  # noqa: E741
-        first, curves = n * (n + q + m + 1) + q * (n + 1), self.curves.size
-        dynamics, c, outputs = np.split(batch.w, [first, first + curves], 1)
-        F, dF = self.curves.slopes(c)
-        W, V, F, O = split(np.hstack([dynamics, F.reshape(K, -1), outputs]), n, q, m, l)  # noqa: E741
-        D = np.zeros((K, batch.w.shape[1], first + dF.shape[2] + outputs.shape[1]))
-        D[:, :first, :first] = np.eye(first)
-        D[:, first : first + curves, first : first + dF.shape[2]] = dF
-        D[:, first + curves :, first + dF.shape[2] :] = np.eye(outputs.shape[1])
+        at, K = self.learned, len(batch.w)
+        F, dF = self.curves.slopes(batch.w[:, at])
+        theta = np.hstack([batch.w[:, : at.start], F.reshape(K, -1), batch.w[:, at.stop :]])
+        W, V, F, O = split(theta, self.n, self.q, self.m, self.l)  # noqa: E741
+        last = at.start + F[0].size
+        D = np.zeros((K, batch.w.shape[1], theta.shape[1]))
+        D[:, : at.start, : at.start] = np.eye(at.start)
+        D[:, at, at.start : last] = dF
+        D[:, at.stop :, last:] = np.eye(theta.shape[1] - last)
         return Latent(W, V, O, batch.x0, F, *batch.kind), D, np.ones(K, bool)
 
 
@@ -89,6 +95,12 @@ class Stable:
         return self.shape.q
 
     @property
+    def learned(self) -> slice:
+        """Where the parameters of the curves stand in w."""
+        first = self.shape.size + self.n * (self.m + 1) + self.q
+        return slice(first, first + self.curves.size)
+
+    @property
     def width(self) -> int:
         """Number of entries of (W, V, F, O)."""
         n, q, m = self.shape.n, self.shape.q, self.m
@@ -102,9 +114,9 @@ class Stable:
         """Return the models, by the chain rule through the parametrisation."""
         n, q, m, l, p = self.shape.n, self.shape.q, self.m, self.l, self.shape.size  # noqa: E741
         found, slopes = proved(self.shape, batch.w[:, :p])
-        ends = np.cumsum([n * (m + 1), q, self.curves.size])
-        forces, beta, c, outputs = np.split(batch.w[:, p:], ends, 1)
-        K, (F, dF) = len(batch.w), self.curves.slopes(c)
+        at, K = self.learned, len(batch.w)
+        forces, beta, c, outputs = np.split(batch.w[:, p:], [n * (m + 1), at.start - p, at.stop - p], 1)
+        F, dF = self.curves.slopes(c)
         W = np.concatenate([found.A, found.A1, forces.reshape(K, n, m + 1)], 2)
         V = np.concatenate([found.R, beta[:, :, None]], 2)
         places = np.arange(W[0].size + V[0].size + F[0].size + outputs.shape[1])
@@ -113,9 +125,8 @@ class Stable:
         plain = np.concatenate([iW[0, :, n + q :].ravel(), iV[0, :, n].ravel(), iO[0].ravel()])
         D = np.zeros((K, batch.w.shape[1], len(places)))
         D[:, :p, stable] = slopes
-        learned = p + ends[1] + np.arange(self.curves.size)
-        D[:, np.delete(np.arange(batch.w.shape[1]), learned)[p:], plain] = 1.0
-        D[:, learned[:, None], iF.ravel()] = dF
+        D[:, np.r_[p : at.start, at.stop : batch.w.shape[1]], plain] = 1.0
+        D[:, at, iF.ravel()] = dF
         latent = Latent(W, V, outputs.reshape(K, l, -1), batch.x0, F, *batch.kind)
         return latent, D, found.valid
 
@@ -259,7 +270,7 @@ class _Arrow(NamedTuple):
 
 
 class _Linear(NamedTuple):
-    """What one model's step needs: its sums, (W, V, F, O) by its parameters, the pieces' starts by (W, V, F, O) and by x0."""
+    """What one model's step needs: its sums, theta = (W, V, F, O) by its parameters, the pieces' starts by theta and x0."""
 
     sums: _Arrow
     D: Float[ndarray, "p d"]

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from persid.errors import DataError, ModelError
 from persid.identification.outputs import least_squares, selection, starts
@@ -30,7 +32,7 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
     latent = _standardised(fit, records, scales, dt).hardened(hardening)
     pieces = Pieces.of([scales.standardised(record) for record in records], question.hold, kept=selection.KEPT)
     through = bool(question.feedthrough) or (question.feedthrough is None and bool(np.any(fit.D)))
-    freedom = Freedom(through, selection.outlasts(latent.A[0], pieces))
+    freedom = Freedom(through, selection.outlasts(latent.A[0], pieces), one_curve=_is_one_curve(latent.F[0]))
     parameters, batch = _point(fit, latent, dt, question, freedom)
     substeps = selection.substeps_for(latent)
     found = least_squares.begun(Task(pieces, parameters, selection.ridge_of(latent, np.zeros(1)), substeps), batch)
@@ -38,7 +40,12 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
         raise DataError("the earlier model does not follow these records; fit anew, without warm_start=")
     errors = float(found.error[0]), float(found.held_out[0])
     size = latent.n, latent.q, bool(np.any(fit.D))
-    return Winner(parameters, batch, 0.0, substeps, Candidate(*size, 0.0, 0, *errors, 0, latent.hardening))
+    candidate = Candidate(*size, 0.0, 0, *errors, 0, latent.hardening, latent.activation)
+    return Winner(parameters, batch, 0.0, substeps, candidate)
+
+
+def _is_one_curve(F: Float[ndarray, "q k"]) -> bool:
+    return bool(len(F) > 1 and (F == F[0]).all())
 
 
 def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question) -> None:
@@ -47,7 +54,6 @@ def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question
     pairs = (
         ("inputs", u.shape[1], fit.B.shape[1]),
         ("outputs", y.shape[1], len(fit.C)),
-        ("activation=", question.activation, fit.activation),
         ("output=", question.output_map, fit.output_map),
         ("hold=", question.hold, fit.hold),
         ("order=", question.order or n, n),
@@ -57,6 +63,9 @@ def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question
     for name, asked, had in pairs:
         if asked != had:
             raise DataError(f"{name} is {asked} and was {had} in the earlier fit; fit anew, without warm_start=")
+    if q and fit.activation not in question.functions:
+        asked = ", ".join(question.functions)
+        raise DataError(f"functions= are {asked}; that of the earlier fit was {fit.activation}; name it among them")
 
 
 def _with_hardening_first(fit: StableFit) -> tuple[StableFit, int]:

@@ -10,13 +10,14 @@ from numpy import ndarray
 
 from persid.errors import DataError
 from persid.identification.outputs import least_squares, starts
-from persid.identification.outputs.curves import Smooth
 from persid.identification.outputs.latent import Latent
-from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Task
+from persid.identification.outputs.least_squares import Batch, Fit, Parameters, Task, Term
 from persid.identification.outputs.records import Pieces, Record
 from persid.identification.outputs.runs import moments
+from persid.identification.outputs.smoothness import Smooth
 from persid.identification.outputs.starts import Freedom
 from persid.identification.outputs.subspace import linear_starts
+from persid.models.stable_fit import LEARNED
 
 KEPT = 0.75  # of every record is fitted while choosing
 SELECTED = 4000  # samples on which choices are made, at most
@@ -33,9 +34,10 @@ HOPELESS = 3.0  # times the least held-out error, of these or of an earlier race
 SETTLED = 3e-4  # relative gain of the cost in one step, below which a candidate changes no choice
 RIDGES = (2e-2, 2e-4)  # in units of the linear model's mean square error
 SIZES = ((2, 0), (4, 0), (8, 0))  # numbers of neurons, and of those that harden
-import os
-SMOOTH = float(os.environ.get("SMOOTH", 1e-3))
-PIECES = int(os.environ.get("PIECES", 8))
+PIECES = 8  # of a learned curve
+CURVES = 2  # neurons with which learned curves begin
+SMOOTH = 1e-3  # weight of their smoothness, in units of the linear model's mean square error
+CURVE_STARTS = 4  # random starts of learned curves for every seed: their shape is one thing more that can go astray
 MOST = 8  # neurons tried
 HARDENING = ((1, 1), (2, 1), (4, 2))  # tried where loud samples are held out, which tell how a model extrapolates
 LOUD = 0.05  # of the fitted samples, held out too where there are more samples than the search takes
@@ -47,12 +49,16 @@ FINEST = 8  # substeps a sample
 
 @dataclass(frozen=True)
 class Question:
-    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample; outputs are names."""
+    """Say which models are looked for; None is "to be chosen". kappa is a rate per sample; outputs are names.
+
+    functions are those of the neurons, one kind a candidate; `one_curve` says that neurons share what they learn.
+    """
 
     order: int | None = None
     neurons: int | None = None
     feedthrough: bool | None = None
-    activation: str = "tanh"
+    functions: tuple[str, ...] = ("tanh",)
+    one_curve: bool = False
     output_map: str | None = None
     hold: str = "zoh"
     certified: bool = True
@@ -71,7 +77,7 @@ class Question:
 class Candidate:
     """Report one candidate: what it is, and its errors in standard units, fitted and held out.
 
-    The first `hardening` of its neurons were fitted as s - f(s).
+    The first `hardening` of its neurons were fitted as s - f(s). `function` is f.
     """
 
     order: int
@@ -83,6 +89,7 @@ class Candidate:
     held_out: float
     steps: int
     hardening: int = 0
+    function: str = "tanh"
 
 
 @dataclass(eq=False)
@@ -103,7 +110,8 @@ class Group:
 
     def candidates(self) -> list[tuple[Candidate, "Group", int]]:
         """Return the candidates with their places."""
-        size, ends = (self.order, self.neurons, self.freedom.through), (self.fit.steps, self.fit.batch.hardening)
+        size, batch = (self.order, self.neurons, self.freedom.through), self.fit.batch
+        ends = (self.fit.steps, batch.hardening, batch.activation)
         found = zip(self.ridges, self.seeds, self.fit.error, self.fit.held_out, strict=True)
         return [
             (Candidate(*size, float(r), s, float(e), float(h), *ends), self, k) for k, (r, s, e, h) in enumerate(found)
@@ -119,6 +127,7 @@ class Winner:
     ridge: float
     substeps: int
     candidate: Candidate
+    terms: tuple[Term, ...] = ()
 
     @property
     def latent(self) -> Latent:
@@ -232,28 +241,46 @@ def stabilised(linear: LinearFit, pieces: Pieces, question: Question) -> LinearF
     return LinearFit(found, float(fit.error[0]), float(fit.held_out[0]), fit.start, linear.freedom)
 
 
-def group_of(
-    linear: LinearFit, q: int, question: Question, pieces: Pieces, ridges: Sequence[float], hardening: int = 0
-) -> Group:
-    """Return candidates with q neurons, one for every ridge and seed, before their first step."""
-    pairs = [(ridge, seed) for ridge in ridges for seed in question.seeds] if q else [(0.0, 0)]
+@dataclass(frozen=True)
+class Kind:
+    """Say of which kind the neurons of a group are: how many, how many of them harden, and their function."""
+
+    neurons: int
+    hardening: int = 0
+    function: str = "tanh"
+
+    @property
+    def learned(self) -> bool:
+        """Whether the function is learnt."""
+        return self.neurons > 0 and self.function == LEARNED
+
+    def seeds(self, seeds: Sequence[int]) -> list[int]:
+        """Return the random starts for these seeds."""
+        some = CURVE_STARTS if self.learned else 1
+        return [some * seed + k for seed in seeds for k in range(some)]
+
+
+def group_of(linear: LinearFit, kind: Kind, question: Question, pieces: Pieces, ridges: Sequence[float]) -> Group:
+    """Return candidates with neurons, one for every ridge and random start, before their first step."""
+    q = kind.neurons
+    pairs = [(ridge, seed) for ridge in ridges for seed in kind.seeds(question.seeds)] if q else [(0.0, 0)]
     seen = moments(linear.latent, pieces, linear.start, 2)
     white = starts.whitened(linear.latent, seen.mean, seen.cov)
     effect = 0.0 if question.certified else 0.01
-    pieces_of_curve = PIECES if question.activation == "pwl" else 0
-    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, question.activation, hardening, pieces_of_curve)
+    curve, freedom = PIECES if kind.learned else 0, replace(linear.freedom, one_curve=question.one_curve)
+    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, kind.function, kind.hardening, curve)
     parameters: Parameters
     if question.certified:
-        parameters, batch, _ = starts.stable_batch(latent, linear.freedom, question.kappa)
+        parameters, batch, _ = starts.stable_batch(latent, freedom, question.kappa)
     else:
-        parameters, batch = starts.free_batch(latent, linear.freedom)
+        parameters, batch = starts.free_batch(latent, freedom)
     weights = np.array([ridge for ridge, _ in pairs])
     ridge = ridge_of(latent, weights * linear.error**2)
-    terms = (Smooth(SMOOTH * linear.error**2),) if question.activation == "pwl" else ()
+    terms = (Smooth(SMOOTH * linear.error**2),) if kind.learned else ()
     task = Task(pieces, parameters, ridge, substeps_for(latent), SETTLED, terms)
     one = least_squares.begun(replace(task, ridge=ridge[:1]), batch[slice(1)])  # neurons have little effect, or none
     fit = least_squares.begun(task, batch, near=(one.start, one.flow))
-    return Group(q, linear.freedom, weights, tuple(seed for _, seed in pairs), task, fit)
+    return Group(q, freedom, weights, tuple(seed for _, seed in pairs), task, fit)
 
 
 def ridge_of(latent: Latent, weights: Float[ndarray, " K"]) -> Float[ndarray, "K d"]:
@@ -335,4 +362,5 @@ def winner_of(group: Group, k: int) -> Winner:
         float(group.task.ridge[k].max(initial=0.0)),
         group.task.substeps,
         candidate,
+        group.task.terms,
     )

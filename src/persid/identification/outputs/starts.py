@@ -33,7 +33,7 @@ class Freedom:
 
     through: bool
     offset: bool = False
-    one_curve: bool = bool(int(__import__("os").environ.get("ONE","1")))
+    one_curve: bool = False
 
     def curves(self, latent: Latent) -> Curves:
         """Return which curves are learnt of these models."""
