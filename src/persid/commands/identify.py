@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 import click
+from click.core import ParameterSource
 
 from persid._files import Json
 from persid.commands.advice import advice_facts, advice_rows, after
@@ -130,11 +131,14 @@ def run(
         wanted = Asked(data, tuple(test), {**how, "algebraic": algebraic}, fit, _command())
         return run_equations(wanted, question(operating_point, u_op, domain, time_limit, rate), output, talk)
     if outputs is not None:
-        if fit_options(how)["time"] == DISCRETE:
+        chosen = fit_options(how)
+        if chosen["time"] == DISCRETE:
             raise click.UsageError("--time discrete goes with --states")
         if rate is not None:
             raise click.UsageError("--rate goes with --states; with --outputs give --min-rate")
-        fitting = {**unmeasured, "time_limit": time_limit}
+        chosen_by_hand = click.get_current_context().get_parameter_source("functions") != ParameterSource.DEFAULT
+        named = {"functions": functions} if chosen_by_hand else {}
+        fitting = {**unmeasured, **named, "one_curve": chosen["one_curve"], "time_limit": time_limit}
         wanted = Asked(data, tuple(test), {**how, "states": outputs}, fitting, _command())
         return run_outputs(wanted, output, talk)
     if unmeasured:

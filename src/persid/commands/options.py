@@ -243,8 +243,6 @@ measuring = together(
     columns_of_fit,
     click.option("--order", type=Auto(), help="With --outputs: number of states; by default it is chosen."),
     click.option("--neurons", type=Auto(), help="With --outputs: number of neurons; by default it is chosen."),
-    click.option("--activation", type=click.Choice(["tanh", "softsign", "arctan"]),
-                 help="With --outputs: the function of the neurons."),
     click.option("--output-map", type=click.Choice(["abs"]), help="With --outputs: a sensor that ignores the sign."),
     click.option("--foh", "foh", is_flag=True, help="With --outputs: inputs run in straight lines between samples."),
     click.option("--min-rate", type=float, help="With --outputs: a rate in 1/s that is to be certified."),
@@ -261,7 +259,6 @@ measuring = together(
 OUTPUT_OPTIONS = (
     "order",
     "neurons",
-    "activation",
     "output_map",
     "foh",
     "min_rate",
@@ -287,7 +284,8 @@ appending = together(
 )  # fmt: skip
 fitting = together(
     click.option("--functions", type=Functions(), default="x,x**3,sinh(x),tanh(x)", show_default=True,
-                 help='Functions of the states; "f,g; h" gives one list a state; pwl is learned from the data.'),
+                 help='Functions of the states; "f,g; h" gives one list a state; pwl is learned from the data. '
+                      "With --outputs: what the neurons may be, tanh, softsign, arctan, pwl; by default tanh."),
     click.option("--ridge", type=Ridge(), default="auto", show_default=True,
                  help="Strength of the ridge on scaled columns; auto chooses it by validation. More ridge is easier "
                       "to certify and fits less well."),

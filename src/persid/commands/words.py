@@ -13,7 +13,7 @@ OPTIONS = {
         "missing", "dt", "time", "gap", "na", "ridge", "functions", "method", "window", "scale", "x_ref", "pattern",
         "shared", "velocities", "delays", "derivatives", "allow_underdetermined", "hold", "constant", "refine",
         "operating_point", "u_op", "delay", "domain", "time_limit", "select", "engine", "scheduler", "gains", "order",
-        "neurons", "activation", "instruments", "bound", "min_rate", "max_output_gain", "measured", "fixed", "stride",
+        "neurons", "instruments", "bound", "min_rate", "max_output_gain", "measured", "fixed", "stride",
         "one_curve",
     )
 } | {"run": "--run-column", "output": "--output-map"}  # fmt: skip

@@ -50,8 +50,8 @@ def _places(s: Float[ndarray, "*_ q S"], slopes: Float[ndarray, "*_ q k"]) -> In
     """Return where the piece of each s stands among the slopes of all rows."""
     k = slopes.shape[-1]
     at = np.fmin(np.fmax((s + REACH) * ((k - 2) / (2 * REACH)) + 1, 0), k - 1).astype(np.int64)  # NaN too
-    at += (k * np.arange(slopes.size // k)).reshape(slopes.shape[:-1])[..., None]
-    return at
+    first = (k * np.arange(slopes.size // k)).reshape(slopes.shape[:-1])
+    return np.asarray(at + first[..., None])
 
 
 def table(slopes: Float[ndarray, " k"], shift: float) -> str:

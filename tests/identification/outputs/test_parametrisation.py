@@ -95,7 +95,9 @@ def test_a_start_with_a_pole_ten_thousand_times_slower_than_another_is_reached()
     """The slack of the parametrisation never asks for more decay than a stiff linear model has."""
     A = np.array([[[-5.0, 0.0], [0.0, -1e-4]]])
     O = np.ones((1, 1, 4))  # noqa: E741
-    linear = Latent(np.concatenate([A, np.ones((1, 2, 2))], 2), np.zeros((1, 0, 3)), O, np.zeros((1, 1, 2)))
+    linear = Latent(
+        np.concatenate([A, np.ones((1, 2, 2))], 2), np.zeros((1, 0, 3)), O, np.zeros((1, 1, 2)), np.zeros((1, 0, 0))
+    )
     parameters, batch, _ = stable_batch(linear, Freedom(True))
     found = parameters.latent(batch)[0].A[0]
     np.testing.assert_allclose(np.sort(np.linalg.eigvals(found)), [-5.0, -1e-4], rtol=1e-6)

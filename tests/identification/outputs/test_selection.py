@@ -14,7 +14,9 @@ from persid.identification.outputs.starts import Freedom
 
 def group(count: int, n: int = 1) -> Group:
     W = np.tile(np.hstack([-0.1 * np.eye(n), np.ones((n, 1)), np.zeros((n, 1))]), (count, 1, 1))
-    latent = Latent(W, np.zeros((count, 0, n + 1)), np.ones((count, 1, n + 2)), np.zeros((count, 1, n)))
+    latent = Latent(
+        W, np.zeros((count, 0, n + 1)), np.ones((count, 1, n + 2)), np.zeros((count, 1, n)), np.zeros((count, 0, 0))
+    )
     parameters, batch = starts.free_batch(latent, Freedom(True))
     task = Task(Pieces.of([(np.ones((20, 1)), np.ones((20, 1)))]), parameters, np.zeros((count, batch.w.shape[1])))
     fit = least_squares.begun(task, batch)

@@ -42,7 +42,7 @@ def test_a_model_of_every_fourth_sample_is_the_same_at_full_rate(stable):
     A1, forces = 0.1 * rng.normal(size=(1, n, q)) * (not stable), np.array([[[1.0, 0.1], [1.0, -0.2]]])
     W = np.concatenate([A, A1, forces], 2)
     V, O = rng.normal(size=(1, q, n + 1)), rng.normal(size=(1, 1, n + 2))  # noqa: E741
-    latent = Latent(W, V, O, rng.normal(size=(1, 1, n)))
+    latent = Latent(W, V, O, rng.normal(size=(1, 1, n)), np.zeros((1, q, 0)))
     if stable:
         parameters, batch, _ = starts.stable_batch(latent, starts.Freedom(True), 0.05)
         batch.w[:] += 0.05 * rng.normal(size=batch.w.shape)

@@ -248,15 +248,18 @@ class _Search:
         values, asked, certified = self.pieces.values, self.question.neurons, self.question.certified
         given = [function for function in self.question.functions if function != LEARNED]
         if not asked:
-            sizes = (*selection.SIZES, *(selection.HARDENING if self.loud and certified else ())) if asked is None else ()
+            sizes = (
+                (*selection.SIZES, *(selection.HARDENING if self.loud and certified else ())) if asked is None else ()
+            )
             return [Kind(0), *(Kind(q, hard, function) for function in given for q, hard in sizes if 20 * q < values)]
         return [Kind(asked, hard, function) for function in given for hard in sorted({0, (asked + 1) // 2 * certified})]
 
     def _curves(self) -> list[Kind]:
         """Return few neurons whose function is learnt; any of them may harden, since its shape does not tell."""
-        q = selection.CURVES if self.question.neurons is None else self.question.neurons
-        if LEARNED not in self.question.functions or not 20 * (q + selection.PIECES) < self.pieces.values or not q:
+        q, few = self.question.neurons, self.pieces.values <= 20 * (selection.CURVES + selection.PIECES)
+        if LEARNED not in self.question.functions or (few if q is None else q == 0):
             return []
+        q = selection.CURVES if q is None else q
         return [Kind(q, hard, LEARNED) for hard in range(q * self.question.certified + 1)]
 
     def _stabilised(self, linear: LinearFit) -> LinearFit:
@@ -272,9 +275,7 @@ class _Search:
                 f"foretells the held-out part {ratio:.1f} times better than the best stable one"
             )
 
-    def _race(
-        self, linear: Sequence[LinearFit], kinds: Sequence[Kind], ridges: Sequence[float] = ()
-    ) -> None:
+    def _race(self, linear: Sequence[LinearFit], kinds: Sequence[Kind], ridges: Sequence[float] = ()) -> None:
         groups = [
             selection.group_of(one, kind, self.question, self.pieces, ridges or self.question.ridges)
             for one in linear

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from persid.identification.outputs.curves import Curves
+from persid.identification.outputs.curves import NONE, Curves
 from persid.identification.outputs.latent import Latent
 from persid.identification.outputs.parametrisation import Proved, Shape, proved
 from persid.identification.outputs.records import Pieces
@@ -52,7 +52,7 @@ class Free:
     m: int
     l: int  # noqa: E741
     free: Bool[ndarray, " p"]
-    curves: Curves = Curves()
+    curves: Curves = NONE
 
     @property
     def learned(self) -> slice:
@@ -82,7 +82,7 @@ class Stable:
     m: int
     l: int  # noqa: E741
     free: Bool[ndarray, " p"]
-    curves: Curves = Curves()
+    curves: Curves = NONE
 
     @property
     def n(self) -> int:
@@ -270,7 +270,7 @@ class _Arrow(NamedTuple):
 
 
 class _Linear(NamedTuple):
-    """What one model's step needs: its sums, theta = (W, V, F, O) by its parameters, the pieces' starts by theta and x0."""
+    """What one model's step needs: its sums, theta = (W, V, F, O) by its parameters, the pieces' starts by both."""
 
     sums: _Arrow
     D: Float[ndarray, "p d"]

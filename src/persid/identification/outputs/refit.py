@@ -45,7 +45,7 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
 
 
 def _is_one_curve(F: Float[ndarray, "q k"]) -> bool:
-    return bool(len(F) > 1 and (F == F[0]).all())
+    return bool(len(F) > 1 and not np.ptp(F, 0).any())
 
 
 def _refuse_others(fit: StableFit, records: Sequence[Record], question: Question) -> None:
@@ -73,8 +73,15 @@ def _with_hardening_first(fit: StableFit) -> tuple[StableFit, int]:
     if fit.M is None or fit.T is None:
         return fit, 0
     order = np.argsort(fit.M >= 0, kind="stable")
-    moved = replace(fit, R=fit.R[order], beta=fit.beta[order], A1=fit.A1[:, order], M=fit.M[order], T=fit.T[order],
-        F=None if fit.F is None else fit.F[order])
+    moved = replace(
+        fit,
+        R=fit.R[order],
+        beta=fit.beta[order],
+        A1=fit.A1[:, order],
+        M=fit.M[order],
+        T=fit.T[order],
+        F=None if fit.F is None else fit.F[order],
+    )
     return moved, int((fit.M < 0).sum())
 
 

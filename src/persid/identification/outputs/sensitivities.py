@@ -19,7 +19,7 @@ CHUNK = 1024  # samples of them at a time: their derivatives stay in the cache
 class Normal(NamedTuple):
     """Hold J'J and J'r of K models over their parameters (W, V, F, O) and over every record's x0.
 
-    `flow` is the derivative of a piece's end by its start; `reach` and `own` are those of a start by (W, V, F, O) and x0.
+    `flow` is the derivative of a piece's end by its start; `reach` and `own` are those of a start by those and x0.
     """
 
     H: Float[ndarray, "K p p"]
@@ -33,7 +33,7 @@ class Normal(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Gauss-Newton sums in which every piece has its own start: J'J and J'r over (W, V, F, O); blocks with the starts."""
+    """Gauss-Newton sums in which every piece has its own start: J'J, J'r over (W, V, F, O); blocks with the starts."""
 
     H: Float[ndarray, "K p p"]
     g: Float[ndarray, "K p"]
@@ -159,7 +159,7 @@ def _steps(
 def _chained(pieces: Pieces, sums: _Sums) -> Normal:
     """Return the sums over the parameters and every record's first state, the pieces' starts being what they are.
 
-    A start depends on (W, V, F) by E and on its record's first state by F: E, F are 0, 1 at the first piece and carried on
+    A start depends on (W, V, F) by E and on its record's first state by G: E, G are 0, 1 at the first piece and carried
     by the flow of each piece, with its drift.
     """
     H, g, side, corner, g0, flow, drift = sums
@@ -167,21 +167,21 @@ def _chained(pieces: Pieces, sums: _Sums) -> Normal:
     p = H.shape[1]
     flow, drift, side, corner, g0 = (np.moveaxis(part, -1, 0) for part in (flow, drift, side, corner, g0))
     follows = pieces.follows
-    E, F = np.zeros((S, K, n, p)), np.zeros((S, K, n, n))
+    E, G = np.zeros((S, K, n, p)), np.zeros((S, K, n, n))
     for s in range(S):
         if follows[s]:
-            E[s], F[s] = flow[s - 1] @ E[s - 1], flow[s - 1] @ F[s - 1]
+            E[s], G[s] = flow[s - 1] @ E[s - 1], flow[s - 1] @ G[s - 1]
             E[s, :, :, :d] += drift[s - 1]
         else:
-            F[s] = np.eye(n)
+            G[s] = np.eye(n)
     CE = corner @ E
     cross = (side @ E).sum(0)
     H = H + cross + np.swapaxes(cross, 1, 2) + (np.swapaxes(E, 2, 3) @ CE).sum(0)
     g = g + (np.swapaxes(E, 2, 3) @ g0[..., None]).sum(0)[..., 0]
     ends = (
-        side @ F + np.swapaxes(CE, 2, 3) @ F,
-        np.swapaxes(F, 2, 3) @ corner @ F,
-        np.swapaxes(F, 2, 3) @ g0[..., None],
+        side @ G + np.swapaxes(CE, 2, 3) @ G,
+        np.swapaxes(G, 2, 3) @ corner @ G,
+        np.swapaxes(G, 2, 3) @ g0[..., None],
     )
     sides, corners, firsts = (np.moveaxis(np.add.reduceat(part, pieces.starts, 0), 0, 1) for part in ends)
-    return Normal(H, sides, corners, g, firsts[..., 0], *(np.moveaxis(part, 0, 1) for part in (flow, E, F)))
+    return Normal(H, sides, corners, g, firsts[..., 0], *(np.moveaxis(part, 0, 1) for part in (flow, E, G)))

@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from persid.identification.outputs.curves import Curves, first_slopes
 from persid.identification.outputs.latent import Latent
-from persid.identification.outputs.least_squares import Batch, Free, Stable, theta_of
+from persid.identification.outputs.least_squares import Batch, Free, Stable
 from persid.identification.outputs.parametrisation import (
     NEAR,
     SLACK,
@@ -37,7 +37,7 @@ class Freedom:
 
     def curves(self, latent: Latent) -> Curves:
         """Return which curves are learnt of these models."""
-        return Curves(*latent.F.shape[1:], self.one_curve)
+        return Curves(latent.q, int(latent.F.shape[2]), self.one_curve)
 
     def mask(self, size: int, latent: Latent, start: int, width: int) -> Bool[ndarray, " size"]:
         """Return which of `size` parameters are free; b is the last column of n rows of that width, from `start`."""
