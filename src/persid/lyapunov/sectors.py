@@ -313,13 +313,15 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
 
 
 def unit_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
-    """Return f_j and a_j y - f_j for functions whose slopes are proved to lie in [0, 1], on all of R.
+    """Return f_j and a_j y - f_j for functions whose slopes are proved to lie in [0, 1], on all of R; where a_j < 0,
+    f_j - a_j y and -f_j.
 
     Those of a learned curve lie closer together; but the multipliers of a fit belong to these forms.
     """
     found = []
     for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
-        for form in ((0.0, 1.0), (_above(factor), -1.0)):
+        ends = ((0.0, 1.0), (_above(factor), -1.0)) if factor > 0 else ((_above(-factor), 1.0), (0.0, -1.0))
+        for form in ends:
             if prove_nondecreasing(((scalar_function(text).program, factor),), [Fraction(c) for c in form]):
                 found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
     return tuple(found)
