@@ -36,7 +36,6 @@ from persid.measurements.trajectories import Trajectories
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "data" / "benchmarks"
 RESULTS = "public"
-FUNCTIONS = ("tanh", "pwl")  # of the neurons: tanh, or one curve that they share and that is learnt
 Record = tuple[ndarray, ndarray]
 
 
@@ -44,7 +43,8 @@ Record = tuple[ndarray, ndarray]
 class Benchmark:
     """Hold a benchmark: records to train and to test, first samples that are not scored, and what was published.
 
-    `scale` turns the data's unit into the unit in which errors are told.
+    `scale` turns the data's unit into the unit in which errors are told; `options` are of the estimator, what is known
+    of the plant before any data: a sensor without a sign, one law of outflow for all tanks.
     """
 
     train: list[Record]
@@ -54,7 +54,7 @@ class Benchmark:
     unit: str
     scale: float = 1.0
     published: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    output_map: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 SOURCE = "arXiv 2405.10779, nonlinearbenchmark.org"
@@ -72,7 +72,8 @@ def tanks(folder: Path) -> Benchmark:
     published = {
         "grey box": (0.191,), "CT-SUBNET": (0.306,), "GRU": (0.396,), "pNARX": (0.413,), "linear": (0.588,),
     }  # fmt: skip
-    return from_csv(folder / "cts.csv", 4.0, 5, unit="V", published=published)
+    one_law = {"functions": ("tanh", "pwl"), "one_curve": True}
+    return from_csv(folder / "cts.csv", 4.0, 5, unit="V", published=published, options=one_law)
 
 
 def silverbox(folder: Path) -> Benchmark:
@@ -98,7 +99,9 @@ def drives(folder: Path) -> Benchmark:
     ]
     tests = {f"test {k + 1}": (u[400:], y[400:]) for k, (u, y) in enumerate(pairs)}
     published = {"best of the tables": (0.115, 0.074), "GP-NARX": (0.102, 0.090), "linear": (0.224, 0.384)}
-    return Benchmark([(u[:400], y[:400]) for u, y in pairs], tests, 4, 0.02, "ticks/s", 1.0, published, "abs")
+    return Benchmark(
+        [(u[:400], y[:400]) for u, y in pairs], tests, 4, 0.02, "ticks/s", 1.0, published, {"output": "abs"}
+    )
 
 
 KNOWN: dict[str, Callable[[Path], Benchmark]] = {"tanks": tanks, "silverbox": silverbox, "drives": drives}
@@ -110,8 +113,7 @@ def row(name: str, given: Benchmark, seed: int) -> dict[str, Any]:
         [y[:, None] for _, y in given.train], [u[:, None] for u, _ in given.train], dt=given.dt, states=["y"]
     )
     start = time.process_time()
-    options = {"output": given.output_map, "functions": FUNCTIONS, "one_curve": True}
-    fit = OutputIdentifier(**options, random_state=3 * seed, time_limit=0).fit(data)
+    fit = OutputIdentifier(**given.options, random_state=3 * seed, time_limit=0).fit(data)
     seconds, errors = time.process_time() - start, {}
     for test, (u, y) in given.tests.items():
         t, k = given.dt * np.arange(len(u)), given.start
@@ -154,7 +156,7 @@ def main() -> None:
         given = (
             KNOWN[name](asked.folder)
             if name in KNOWN
-            else from_csv(Path(name), asked.dt, asked.start, unit="1", output_map=asked.output_map)
+            else from_csv(Path(name), asked.dt, asked.start, unit="1", options={"output": asked.output_map})
         )
         rows = []
         for seed in range(asked.seeds):
