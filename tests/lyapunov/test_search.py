@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
+from persid.lyapunov.inequality import MANY
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.search import (
     FEW,
     FEW_FORMS,
     INSIDE,
     JOINING,
-    MANY,
     Outcome,
     PoolFence,
     catalogue,

@@ -30,6 +30,7 @@ from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Family, Scaling, System, Target, scaling
 from persid.lyapunov.unknowns import Label, Unknowns, labels
 
+MANY = 20  # groups: of more, without a rate, one hard group among them decides the way to a proof
 Prices = list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]  # of a group's products, and of its densities
 
 
@@ -318,7 +319,8 @@ class Catalogue:
     def _factor(self) -> sparse.csr_array:
         """C, with which C C' is the first dual matrix."""
         forms = [(at, rows) for _, _, rows, at in self._forms]
-        depth = depths_in(self.system, self.families) if self.is_flow_known else None
+        weighted = self.is_flow_known and not self.target.kappa and len(self.families) > MANY
+        depth = depths_in(self.system, self.families) if weighted else None
         return dual_factor(self.system, self.units, forms, self.width, depth)
 
     @cached_property

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.lyapunov.inequality import Assembly, Catalogue
+from persid.lyapunov.inequality import MANY, Assembly, Catalogue
 from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
 from persid.lyapunov.sectors import Curve, Group
 from persid.lyapunov.system import Family, System, Target
@@ -29,8 +29,7 @@ from persid.lyapunov.system import Family, System, Target
 FIRST_FORMS = 4  # forms of a pool that the search begins with
 MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
 JOINING = 4  # products, and half as many densities, that may join a group in one round
-MANY = 20  # groups: of more, without a rate, each begins with FEW_FORMS and FEW join it: time grows with their cube
-FEW_FORMS, FEW = 3, 1
+FEW_FORMS, FEW = 3, 1  # of MANY groups, without a rate, each begins so, and FEW join: time grows with their cube
 HEAVY = 0.3  # of the mean share of X: of many groups those with less do not decide the margin, and nothing joins them
 FALL = 0.1  # share to which mu falls in a free round,
 FEW_FALL = 0.3  # and where few join: the nearer mu is to zero, the shorter are the steps after unknowns have joined
