@@ -7,7 +7,8 @@ twice counts once; the answer depends on the file alone.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import wraps
+from functools import partial, wraps
+from hashlib import sha256
 from typing import Any, ParamSpec, TypeVar
 
 from persid_check.results import NotProvedError
@@ -17,6 +18,7 @@ STEPS_OF_A_BYTE = 16
 MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
 MOST_OF_A_BYTE = 8
 SEARCHED = 100  # steps of a byte of a file without partitions: they are sought
+KNOWN = 8192  # proofs that a process remembers, each with its steps: files of one model share lemmas
 
 _Key = ParamSpec("_Key")
 _Answer = TypeVar("_Answer")
@@ -34,6 +36,8 @@ class Account:
         self.spent, self.limit = 0, limit
         self.answers: dict[object, Any] = {}
 
+
+known: dict[bytes, tuple[Any, int]] = {}
 
 account: ContextVar[Account | None] = ContextVar("account", default=None)
 
@@ -59,10 +63,10 @@ def spend(steps: int) -> None:
 
 
 def once(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:
-    """Make a proof once for a file, however often it asks for it: it is charged once.
+    """Make a proof once, however often a file asks for it, and charge each file for it once, as if it were made anew.
 
     Numbers hash modulo 2^61 - 1: a file may hold thousands that share one hash, among which each search would be a long
-    one. So arguments are found by their text, whose hash Python salts in every process.
+    one. So proofs are found by the SHA-256 of their text.
     """
 
     @wraps(proof)
@@ -70,10 +74,23 @@ def once(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:
         current = account.get()
         if current is None:
             return proof(*key, **named)
-        text = f"{proof.__qualname__}{key!r}{named!r}"
-        if text not in current.answers:
-            current.answers[text] = proof(*key, **named)
-        answer: _Answer = current.answers[text]
+        digest = sha256(f"{proof.__qualname__}{key!r}{named!r}".encode()).digest()
+        if digest not in current.answers:
+            current.answers[digest] = _charged(digest, partial(proof, *key, **named), current)
+        answer: _Answer = current.answers[digest]
         return answer
 
     return run
+
+
+def _charged(digest: bytes, proof: Callable[[], _Answer], current: Account) -> _Answer:
+    """Return the answer of a proof that the process knows, or make it; its steps count either way."""
+    if digest in known:
+        answer, steps = known[digest]
+        spend(steps)
+        return answer  # type: ignore[no-any-return]
+    before, answer = current.spent, proof()
+    if len(known) >= KNOWN:
+        known.clear()
+    known[digest] = answer, current.spent - before
+    return answer

@@ -12,7 +12,7 @@ from functools import lru_cache, wraps
 from types import MethodType
 from typing import ParamSpec, TypeVar
 
-from persid_check.work import account, limited, spend
+from persid_check.work import account, known, limited, spend
 
 _Key = ParamSpec("_Key")
 _Answer = TypeVar("_Answer")
@@ -47,7 +47,7 @@ def spelled(value: object) -> str:
     return value if isinstance(value, str) else f"{value:x}" if isinstance(value, int) else ""
 
 
-_memories: list[Callable[[], None]] = []
+_memories: list[Callable[[], None]] = [known.clear]
 
 
 def forget() -> None:
