@@ -38,9 +38,11 @@ def winner_of(fit: StableFit, records: Sequence[Record], scales: Scales, dt: flo
     found = least_squares.begun(Task(pieces, parameters, selection.ridge_of(latent, np.zeros(1)), substeps), batch)
     if found.ended[0]:
         raise DataError("the earlier model does not follow these records; fit anew, without warm_start=")
-    errors = float(found.error[0]), float(found.held_out[0])
-    size = latent.n, latent.q, bool(np.any(fit.D))
-    candidate = Candidate(*size, 0.0, 0, *errors, 0, latent.hardening, latent.activation)
+    candidate = Candidate(
+        order=latent.n, neurons=latent.q, feedthrough=bool(np.any(fit.D)), ridge=0.0, seed=0,
+        error=float(found.error[0]), held_out=float(found.held_out[0]), steps=0,
+        hardening=latent.hardening, function=latent.activation,
+    )  # fmt: skip
     return Winner(parameters, batch, 0.0, substeps, candidate)
 
 

@@ -268,7 +268,10 @@ def group_of(linear: LinearFit, kind: Kind, question: Question, pieces: Pieces, 
     white = starts.whitened(linear.latent, seen.mean, seen.cov)
     effect = 0.0 if question.certified else 0.01
     curve, freedom = PIECES if kind.learned else 0, replace(linear.freedom, one_curve=question.one_curve)
-    latent = starts.with_neurons(white, q, [seed for _, seed in pairs], effect, kind.function, kind.hardening, curve)
+    drawn = [seed for _, seed in pairs]
+    latent = starts.with_neurons(
+        white, q, drawn, effect, activation=kind.function, hardening=kind.hardening, pieces=curve
+    )
     parameters: Parameters
     if question.certified:
         parameters, batch, _ = starts.stable_batch(latent, freedom, question.kappa)

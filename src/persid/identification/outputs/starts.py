@@ -83,7 +83,7 @@ def _whitening(cov: Float[ndarray, "n n"]) -> Float[ndarray, "n n"]:
 
 
 def with_neurons(
-    latent: Latent, q: int, seeds: list[int], effect: float, activation: str, hardening: int = 0, pieces: int = 0
+    latent: Latent, q: int, seeds: list[int], effect: float, *, activation: str, hardening: int = 0, pieces: int = 0
 ) -> Latent:
     """Return a linear model with q random neurons, once for every seed: rows of length 1, effects of that size.
 
