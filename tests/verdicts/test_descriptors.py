@@ -120,7 +120,7 @@ def stays(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int, run
         x0 = certificate.operating_point + edge(certificate, direction / np.linalg.norm(direction))
         v = rng.choice([-1.0, 1.0], size=(9, model.m)) * certificate.input_bound / np.sqrt(model.m)
         u = certificate.input + np.repeat(v, 9, axis=0)
-        run = model.simulate(x0, t, u, near=model.solve(x0, u[0], near=rest[model.n :]))[0]
+        run = model.simulate(x0, t, u, near=followed(model, rest, x0, u[0]))[0]
         args = (run.x - rest) @ rows.T
         inside = all((lo <= y).all() and (y <= hi).all() for y, (lo, hi) in zip(args.T, ends, strict=True))
         V = certificate.V(run.x[:, : model.n])
@@ -129,6 +129,14 @@ def stays(model: ps.DescriptorModel, certificate: ps.Certificate, seed: int, run
         if len(run) < len(t) or (certificate.level * (1 + 1e-6) < V).any() or not (inside and bounded):
             return False
     return True
+
+
+def followed(model: ps.DescriptorModel, rest: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The algebraic variables at x0 on the branch of the rest, which one step of Newton from there may leave."""
+    w = rest[model.n :]
+    for share in np.linspace(0, 1, 51):
+        w = model.solve(rest[: model.n] + share * (x0 - rest[: model.n]), u, near=w)
+    return w
 
 
 def edge(certificate: ps.Certificate, direction: np.ndarray) -> np.ndarray:
