@@ -316,14 +316,15 @@ def unit_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return f_j and a_j y - f_j for functions whose slopes are proved to lie in [0, 1], on all of R; where a_j < 0,
     f_j - a_j y and -f_j.
 
-    Those of a learned curve lie closer together; but the multipliers of a fit belong to these forms.
+    Those of a learned curve lie closer together; but the multipliers of a fit belong to these forms. That f rises, and
+    y - f(y), is proved of f itself: it is the same of f(a y).
     """
     found = []
     for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
         ends = ((0.0, 1.0), (_above(factor), -1.0)) if factor > 0 else ((_above(-factor), 1.0), (0.0, -1.0))
-        for form in ends:
-            if prove_nondecreasing(((scalar_function(text).program, factor),), [Fraction(c) for c in form]):
-                found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
+        itself = ((scalar_function(text).program, Fraction(1)),)
+        if all(prove_nondecreasing(itself, [Fraction(y), Fraction(f)]) for y, f in ((0, 1), (1, -1))):
+            found += [tuple(y if k == 0 else f if k == j else 0.0 for k in range(curve.size)) for y, f in ends]
     return tuple(found)
 
 
