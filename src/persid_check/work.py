@@ -71,26 +71,38 @@ def once(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:
 
     @wraps(proof)
     def run(*key: _Key.args, **named: _Key.kwargs) -> _Answer:
-        current = account.get()
-        if current is None:
-            return proof(*key, **named)
         digest = sha256(f"{proof.__qualname__}{key!r}{named!r}".encode()).digest()
-        if digest not in current.answers:
-            current.answers[digest] = _charged(digest, partial(proof, *key, **named), current)
-        answer: _Answer = current.answers[digest]
-        return answer
+        return charged(digest, lambda: _known(digest, partial(proof, *key, **named)))
 
     return run
 
 
-def _charged(digest: bytes, proof: Callable[[], _Answer], current: Account) -> _Answer:
-    """Return the answer of a proof that the process knows, or make it; its steps count either way."""
-    if digest in known:
-        answer, steps = known[digest]
+def _known(digest: bytes, proof: Callable[[], _Answer]) -> tuple[_Answer, int]:
+    """Return the answer of a proof that the process knows, or make it; and its steps."""
+    found: tuple[_Answer, int] | None = known.get(digest)
+    if found is None:
+        found = measured(proof)
+        if len(known) >= KNOWN:
+            known.clear()
+        known[digest] = found
+    return found
+
+
+def measured(proof: Callable[[], _Answer]) -> tuple[_Answer, int]:
+    """Return the answer of a proof, which may take the steps that are left, and those that it took."""
+    outer = account.get()
+    with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
+        answer = proof()
+    return answer, inner.spent
+
+
+def charged(key: object, find: Callable[[], tuple[_Answer, int]]) -> _Answer:
+    """Return an answer that is found with its steps: a file that asks for it is charged once."""
+    current = account.get()
+    if current is None:
+        return find()[0]
+    if key not in current.answers:
+        current.answers[key], steps = find()
         spend(steps)
-        return answer  # type: ignore[no-any-return]
-    before, answer = current.spent, proof()
-    if len(known) >= KNOWN:
-        known.clear()
-    known[digest] = answer, current.spent - before
+    answer: _Answer = current.answers[key]
     return answer

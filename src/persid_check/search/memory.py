@@ -8,11 +8,11 @@ found by their text, whose hash Python salts in every process.
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from fractions import Fraction
-from functools import lru_cache, wraps
+from functools import lru_cache, partial, wraps
 from types import MethodType
 from typing import ParamSpec, TypeVar
 
-from persid_check.work import account, known, limited, spend
+from persid_check.work import charged, known, measured
 
 _Key = ParamSpec("_Key")
 _Answer = TypeVar("_Answer")
@@ -70,21 +70,14 @@ def answers(function: Callable[..., _Answer], most: int) -> Callable[[Question],
 def remembered(proof: Callable[_Key, _Answer], most: int = 65536) -> Callable[_Key, _Answer]:
     """Remember the last answers of a proof, with the steps that each took; a file is charged once for each."""
 
-    def charged(*key: object) -> tuple[_Answer, int]:
-        outer = account.get()
-        with limited(float("inf") if outer is None else outer.limit - outer.spent) as inner:
-            answer = proof(*key)  # type: ignore[arg-type, call-arg]
-        return answer, inner.spent
+    def made(*key: object) -> tuple[_Answer, int]:
+        return measured(partial(proof, *key))  # type: ignore[arg-type]
 
-    found = answers(charged, most)
+    found = answers(made, most)
 
     @wraps(proof)
     def run(*key: _Key.args, **_: _Key.kwargs) -> _Answer:
-        question, current = Question.of(*key), account.get()
-        answer, steps = found(question)
-        if current is not None and (proof.__name__, question) not in current.answers:
-            current.answers[proof.__name__, question] = answer
-            spend(steps)
-        return answer
+        question = Question.of(*key)
+        return charged((proof.__name__, question), lambda: found(question))
 
     return run
