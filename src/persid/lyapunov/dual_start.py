@@ -55,11 +55,8 @@ def dual_factor(
 def _weights(depth: Float[ndarray, " g"]) -> Float[ndarray, " g"]:
     """Return the median depth of own functions over that of each, 1 for what is no sector form."""
     known = depth > 0
-    return (
-        np.where(known, np.median(depth[known]) / np.where(known, depth, 1.0), 1.0)
-        if known.any()
-        else np.ones(len(depth))
-    )
+    median = np.median(depth[known]) if known.any() else 1.0
+    return np.asarray(np.where(known, median / np.where(known, depth, 1.0), 1.0))
 
 
 def _blocks(entries: Sequence[Int[ndarray, " _"]], width: int) -> Int[ndarray, " w"]:

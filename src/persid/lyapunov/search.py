@@ -75,14 +75,14 @@ def search(
     if target.kappa and len(system.states) < system.n:
         raise ValueError("a rate keeps every state; this system has dropped one, and its forms with it")
     few = len(system.groups) > MANY and first is None and families is None and not target.kappa
-    begin, joining, most = (FEW_FORMS, FEW, FEW_FALL) if few else (FIRST_FORMS, JOINING, FALL)
+    begin, joining, share = (FEW_FORMS, FEW, FEW_FALL) if few else (FIRST_FORMS, JOINING, FALL)
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target, first or begin) for group in system.groups)
     whole = catalogue(system, families, full_P, target)
     assembly, start, fence, steps = whole.assembly(families), None, None, 0
     for count in range(1, ROUNDS + 1):
         left = time_limit - (time.perf_counter() - started)
-        fall, allowed = (most, max(1, FREE_STEPS - steps)) if fence is None else (0.0, ITERATIONS)
+        fall, allowed = (share, max(1, FREE_STEPS - steps)) if fence is None else (0.0, ITERATIONS)
         solution = solve(assembly.problem, start=start, fence=fence, fall=fall, iterations=allowed, time_limit=left)
         steps += solution.steps
         if progress is not None:

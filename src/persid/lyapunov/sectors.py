@@ -6,7 +6,7 @@ sign(y) phi(y), so the sharpest ones are the facets of its conic hull. They are 
 a little, rounded to dyadic rationals, and believed only when `persid_check` has proved them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -297,35 +297,40 @@ def slope_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return f_j - s y and S y - f_j for functions whose slopes are proved to lie in [s, S], on all of R.
 
     Facets have to be relaxed to be proved. These are not: a neuron tanh(x + b) keeps its sector from 0 to 1, and where
-    a model leaves little room that decides. The slopes of f_j(a y) are a times those of f_j, rounded outwards; where
-    a < 0 their order turns.
+    a model leaves little room that decides.
     """
-    found = []
-    for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
-        least, most = _slopes(text)[:: 1 if factor > 0 else -1]
-        for slope, sign in ((least, 1.0), (most, -1.0)):
-            if not np.isfinite(slope):
-                continue
-            form = (_above(-Fraction(sign * slope) * factor), sign)
-            if prove_nondecreasing(((scalar_function(text).program, factor),), [Fraction(c) for c in form]):
-                found.append(tuple(form[0] if k == 0 else form[1] if k == j else 0.0 for k in range(curve.size)))
-    return tuple(found)
+    return _between_slopes(curve, _slopes)
 
 
 def unit_forms(curve: Curve) -> tuple[tuple[float, ...], ...]:
-    """Return f_j and a_j y - f_j for functions whose slopes are proved to lie in [0, 1], on all of R; where a_j < 0,
-    f_j - a_j y and -f_j.
+    """Return the same for slopes in [0, 1]: f_j and a_j y - f_j, where a_j < 0 f_j - a_j y and -f_j.
 
-    Those of a learned curve lie closer together; but the multipliers of a fit belong to these forms. That f rises, and
-    y - f(y), is proved of f itself: it is the same of f(a y).
+    Those of a learned curve lie closer together; but the multipliers of a fit belong to these forms.
+    """
+    return _between_slopes(curve, lambda _: (0.0, 1.0))
+
+
+def _between_slopes(curve: Curve, ends: Callable[[str], tuple[float, float]]) -> tuple[tuple[float, ...], ...]:
+    """Return the forms of the functions whose slopes are proved to lie between two ends.
+
+    It is proved of f itself: sign (f - slope t) rises with t = a y if a > 0, else it falls. So the slopes of f(a y) are
+    a times those of f, rounded outwards, and where a < 0 their order turns.
     """
     found = []
     for j, (text, factor) in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
-        ends = ((0.0, 1.0), (_above(factor), -1.0)) if factor > 0 else ((_above(-factor), 1.0), (0.0, -1.0))
+        way = 1 if factor > 0 else -1
         itself = ((scalar_function(text).program, Fraction(1)),)
-        if all(prove_nondecreasing(itself, [Fraction(y), Fraction(f)]) for y, f in ((0, 1), (1, -1))):
-            found += [tuple(y if k == 0 else f if k == j else 0.0 for k in range(curve.size)) for y, f in ends]
+        for slope, sign in zip(ends(text)[::way], (1, -1), strict=True):
+            if not np.isfinite(slope):
+                continue
+            if prove_nondecreasing(itself, [-Fraction(slope) * sign * way, Fraction(sign * way)]):
+                found.append(_alone(curve, j, _above(-Fraction(slope) * sign * factor), float(sign)))
     return tuple(found)
+
+
+def _alone(curve: Curve, j: int, y: float, f: float) -> tuple[float, ...]:
+    """Return the form y times the argument and f times function j."""
+    return (y, *(f if k == j else 0.0 for k in range(1, curve.size)))
 
 
 def _above(number: Fraction) -> float:
@@ -384,7 +389,7 @@ def sectors_alone(curve: Curve) -> tuple[tuple[float, ...], ...]:
     found = []
     for j, function in enumerate(zip(curve.functions, curve.factors, strict=True), start=1):
         alone = replace(curve, functions=function[:1], factors=function[1:])
-        found += [(form[0], *((j - 1) * (0.0,)), form[1], *((curve.size - 1 - j) * (0.0,))) for form in pool(alone)]
+        found += [_alone(curve, j, *form) for form in pool(alone)]
     return tuple(found) if curve.size > 2 else ()
 
 

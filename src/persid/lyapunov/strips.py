@@ -176,13 +176,14 @@ class Search:
             better = self.tries(tuple(scale * reach))
             failures = 0 if better else failures + 1
             scale *= GROWTH
+        directions = self._directions()
         for factor in FACTORS:
             changed = True
             while changed and self.left() > 0:
-                changed = any([self._changes(strips, factor) for strips in self._along()])
+                changed = any([self._changes(strips, factor) for strips in directions])
         return self.best
 
-    def _along(self) -> list[frozenset[int]]:
+    def _directions(self) -> list[frozenset[int]]:
         """Return the strips of one direction each: the narrower one of two parallel strips alone would be felt."""
         unit = self.rows / np.linalg.norm(self.rows, axis=1, keepdims=True)
         return list(dict.fromkeys(frozenset(np.flatnonzero(abs(unit @ row) > PARALLEL).tolist()) for row in unit))
