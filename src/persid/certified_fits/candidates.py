@@ -11,11 +11,12 @@ from sklearn.base import clone
 from persid.identification import free_runs as freerun
 from persid.identification.basis import Functions
 from persid.identification.identifier import PersidskiiIdentifier
-from persid.identification.learned import USUAL, WORD, learns
+from persid.identification.learned import USUAL, learns
 from persid.identification.scores import parted
 from persid.measurements.boxes import box_of, widths
 from persid.measurements.trajectories import Trajectories
 from persid.models.functions import scalar_function
+from persid.models.lookup_tables import WORD
 from persid.models.model import PersidskiiModel
 
 VALIDATED = 0.2  # share of every run that candidates are scored on

@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.models.lookup_tables import lookup_table
+from persid.models.lookup_tables import WORD, lookup_table
 
-WORD = "pwl"
 KNOTS = (3, 6, 9)  # tried one after the other; more would be a group of more functions than proofs bear
 USUAL = 6  # where nothing is left to choose by
 GRID = 256  # knots are multiples of 1/256: arguments are of order 1

@@ -18,11 +18,10 @@ from numpy import ndarray
 
 from persid.identification.basis import Basis
 from persid.identification.gram import Gram
-from persid.identification.learned import WORD
 from persid.identification.regressions import Problem
 from persid.identification.validation import total
 from persid.models.functions import ScalarFunction, scalar_function
-from persid.models.lookup_tables import lookup_table
+from persid.models.lookup_tables import WORD, lookup_table
 
 TURNS = 200
 CLOSE = 1e-9  # share of what is missed by which a turn must lower it

@@ -12,10 +12,11 @@ import numpy as np
 
 from persid.identification.basis import Basis, Functions, is_auto, make_basis, per_state
 from persid.identification.increments import increments, left_over
-from persid.identification.learned import USUAL, WORD, learns, with_ramps, without
+from persid.identification.learned import USUAL, learns, with_ramps, without
 from persid.identification.recursion import moves
 from persid.identification.windows import choose_window
 from persid.measurements.recordings import Measurements, beginnings
+from persid.models.lookup_tables import WORD
 
 EXACT = 0.01  # of the squared residual is left where what was written is the law
 MOST_COLUMNS = 100  # a larger basis is not tried twice

@@ -25,6 +25,13 @@ def knots(pieces: int) -> Float[ndarray, " k_less_1"]:
     return np.linspace(-REACH, REACH, pieces - 1)
 
 
+@lru_cache(maxsize=64)
+def marks(pieces: int) -> Float[ndarray, " k_plus_1"]:
+    """Return the knots and a place beyond each of the outermost: two places on every piece."""
+    t = knots(pieces)
+    return np.concatenate([t[:1] - 1, t, t[-1:] + 1])
+
+
 def way(s: Float[ndarray, "..."], pieces: int) -> Float[ndarray, "... k"]:
     """Return the ways of s in the pieces."""
     if not pieces:
@@ -56,6 +63,5 @@ def _places(s: Float[ndarray, "*_ q S"], slopes: Float[ndarray, "*_ q k"]) -> In
 
 def table(slopes: Float[ndarray, " k"], shift: float) -> str:
     """Return f(x + shift) as a table."""
-    t = knots(len(slopes))
-    t = np.concatenate([t[:1] - 1, t, t[-1:] + 1])
+    t = marks(len(slopes))
     return lookup_table(t - shift, way(t, len(slopes)) @ slopes)

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from persid.errors import ModelError
 from persid_check.expression import MAX_KNOTS, ExpressionError, Table, table_of
 
+WORD = "pwl"  # of a table in the grammar; alone, among the functions of a fit, of one that is to be learned
+
 
 @dataclass(frozen=True, eq=False)
 class LookupTable:
@@ -89,7 +91,7 @@ def _short(number: float) -> str:
 
 def read_table(text: str) -> LookupTable | None:
     """Return the table that an expression is, None where it is another function or none at all."""
-    if not text.lstrip().startswith("pwl"):
+    if not text.lstrip().startswith(WORD):
         return None
     try:
         table = table_of(text)

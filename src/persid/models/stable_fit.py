@@ -11,9 +11,9 @@ from scipy.linalg import null_space
 from persid.errors import ModelError
 from persid.models.functions import shifted
 from persid.models.learned_curves import table
+from persid.models.lookup_tables import WORD
 
-LEARNED = "pwl"  # a function whose slopes are learnt, between 0 and 1
-ACTIVATIONS = ("tanh", "softsign", "arctan", LEARNED)  # slopes in (0, 1]: the sector that the proof uses
+ACTIVATIONS = ("tanh", "softsign", "arctan", WORD)  # slopes in (0, 1], the sector that the proof uses
 
 
 @dataclass(frozen=True, eq=False)

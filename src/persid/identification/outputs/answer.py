@@ -16,7 +16,8 @@ from persid.identification.outputs.records import Pieces, Record, Scales
 from persid.identification.outputs.remarks import LEAKS, remarks_on
 from persid.identification.outputs.runs import moments
 from persid.identification.outputs.selection import BETTER, Candidate, Group, Kind, LinearFit, Question, Winner
-from persid.models.stable_fit import LEARNED, StableFit
+from persid.models.lookup_tables import WORD
+from persid.models.stable_fit import StableFit
 
 Tell = Callable[[str, float], None]
 FEWER = 100.0  # by which a ridge is weakened where that helps
@@ -245,22 +246,25 @@ class _Search:
 
     def _kinds(self) -> list[Kind]:
         """Return numbers of neurons of every given function, with how many of them harden, and none."""
-        values, asked, certified = self.pieces.values, self.question.neurons, self.question.certified
-        given = [function for function in self.question.functions if function != LEARNED]
-        if not asked:
-            sizes = (
-                (*selection.SIZES, *(selection.HARDENING if self.loud and certified else ())) if asked is None else ()
-            )
-            return [Kind(0), *(Kind(q, hard, function) for function in given for q, hard in sizes if 20 * q < values)]
-        return [Kind(asked, hard, function) for function in given for hard in sorted({0, (asked + 1) // 2 * certified})]
+        given = [function for function in self.question.functions if function != WORD]
+        none = [] if self.question.neurons else [Kind(0)]
+        return [*none, *(Kind(q, hard, function) for function in given for q, hard in self._sizes())]
+
+    def _sizes(self) -> list[tuple[int, int]]:
+        """Return numbers of neurons, none of them 0, with how many of them harden."""
+        asked, certified = self.question.neurons, self.question.certified
+        if asked is not None:
+            return sorted({(asked, 0), (asked, (asked + 1) // 2 * certified)}) if asked else []
+        sizes = (*selection.SIZES, *(selection.HARDENING if self.loud and certified else ()))
+        return [(q, hard) for q, hard in sizes if 20 * q < self.pieces.values]
 
     def _curves(self) -> list[Kind]:
         """Return few neurons whose function is learnt; any of them may harden, since its shape does not tell."""
         q, few = self.question.neurons, self.pieces.values <= 20 * (selection.CURVES + selection.PIECES)
-        if LEARNED not in self.question.functions or (few if q is None else q == 0):
+        if WORD not in self.question.functions or (few if q is None else q == 0):
             return []
         q = selection.CURVES if q is None else q
-        return [Kind(q, hard, LEARNED) for hard in range(q * self.question.certified + 1)]
+        return [Kind(q, hard, WORD) for hard in range(q * self.question.certified + 1)]
 
     def _stabilised(self, linear: LinearFit) -> LinearFit:
         return selection.stabilised(linear, self.pieces, self.question) if self.question.certified else linear

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.models.learned_curves import knots
+from persid.models.learned_curves import marks
 
 FLATTEST = 1e-4  # least slope, and what the largest stays below 1: more than rounding adds to the slopes of a table
 
@@ -15,8 +15,7 @@ def first_slopes(pieces: int) -> Float[ndarray, " k"]:
     """Return those of the chords of tanh, from which curves begin."""
     if not pieces:
         return np.zeros(0)
-    t = knots(pieces)
-    t = np.concatenate([t[:1] - 1, t, t[-1:] + 1])
+    t = marks(pieces)
     return np.asarray(np.diff(np.tanh(t)) / np.diff(t))
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.models.learned_curves import slope, value, way
+from persid.models.lookup_tables import WORD
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,7 @@ def _turned(f: ndarray, s: ndarray, count: int) -> ndarray:
 
 def activated(name: str, s: Float[ndarray, "*_ q S"], F: Float[ndarray, "*_ q k"]) -> Float[ndarray, "*_ q S"]:
     """Return f(s) of an activation by name; of learned functions with slopes F."""
-    if name == "pwl":
+    if name == WORD:
         return value(s, F)
     if name == "softsign":
         return np.asarray(s / (1 + np.abs(s)))
@@ -143,7 +144,7 @@ def slope_of(
     name: str, s: Float[ndarray, "*_ q S"], f: Float[ndarray, "*_ q S"], F: Float[ndarray, "*_ q k"]
 ) -> Float[ndarray, "*_ q S"]:
     """Return f'(s), given f = f(s)."""
-    if name == "pwl":
+    if name == WORD:
         return slope(s, F)
     if name == "tanh":
         return np.asarray(1 - f * f)

@@ -17,7 +17,7 @@ from persid.identification.outputs.runs import moments
 from persid.identification.outputs.smoothness import Smooth
 from persid.identification.outputs.starts import Freedom
 from persid.identification.outputs.subspace import linear_starts
-from persid.models.stable_fit import LEARNED
+from persid.models.lookup_tables import WORD
 
 KEPT = 0.75  # of every record is fitted while choosing
 SELECTED = 4000  # samples on which choices are made, at most
@@ -252,7 +252,7 @@ class Kind:
     @property
     def learned(self) -> bool:
         """Whether the function is learnt."""
-        return self.neurons > 0 and self.function == LEARNED
+        return self.neurons > 0 and self.function == WORD
 
     def seeds(self, seeds: Sequence[int]) -> list[int]:
         """Return the random starts for these seeds."""
