@@ -1,5 +1,6 @@
 """Ledgers of models in discrete time: random models of known truth, sequences that obey, and what format 1 may say."""
 
+import copy
 import json
 import random
 from collections import Counter
@@ -13,8 +14,8 @@ import pytest
 from checker import known_ledgers, named
 from checker.drawn import outcomes
 from checker.independent import Model
-from checker.known_steps import as_steps, steps_model
-from checker.ledgers import Sketch, curve, data, point
+from checker.known_steps import as_steps, bounds_of_region, steps_model
+from checker.ledgers import Sketch, curve, data, number, point
 from checker.sampled import Sampled
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
@@ -150,6 +151,19 @@ def test_sequences_obey_the_printed_bound(name: str) -> None:
             bound = np.sqrt(V / p) * (1 - kappa) ** (k / 2) + np.sqrt(gamma / (kappa * p)) * size
             assert np.linalg.norm(x) <= bound * (1 + 1e-9) + 1e-12
             x = look.rise(x, size * rng.choice([-1.0, 1.0], look.model.m))
+
+
+@pytest.mark.parametrize(("kind", "answer"), [("sector", Accepted), ("offset", Rejected)])
+def test_a_lower_bound_in_a_region_holds_along_chords(kind: str, answer: type) -> None:
+    """A step may leave the domain: a sector form bounds an integral from below, one whose integral alone is
+    known to be positive there does not.
+    """
+    content = copy.deepcopy(known_ledgers.load("steps_values_region"))
+    a = {"sector": Fraction(1, 2), "offset": Fraction(1, 4)}[kind]
+    bound = curve([("x**3/3", 1)], ((a, -1), kind), domain=(-1, 1))["forms"][0]
+    content["curves"][0]["forms"].append(bound)
+    content["curves"][0]["forms"][1]["lower"] = [number(1 - a), 2]
+    assert isinstance(check(data(with_proof(content | bounds_of_region(content)))), answer)
 
 
 def test_format_1_is_not_read_of_models_in_discrete_time() -> None:

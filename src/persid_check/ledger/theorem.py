@@ -241,6 +241,9 @@ def _densities(ledger: Ledger, p: int, point: Point) -> None:
         require(bounded, where, "a density is a sector form, or has an offset or a lower bound")
         rises = form.kind in RISING or not ledger.model.is_discrete
         require(rises, where, "in discrete time a density is nondecreasing")
+        leaves = ledger.claim == "region" and ledger.model.is_discrete
+        held = not leaves or form.lower is None or curve.forms[form.lower[1]].kind != "offset"
+        require(held, where, "where a step may leave the domain no lower bound is by an offset form")
         below = form.offset if form.lower is None else curve.forms[form.lower[1]].offset
         above = _ZERO if form.upper is None else form.upper.e
         require(offset or not (below or above), where, "offsets belong to claim practical")
