@@ -13,6 +13,7 @@ from persid_check.work import spend
 
 Factor = Sequence[Sequence[int]]
 BITS = 192  # of a summand of a bound
+SUMMAND = 8  # steps that one counts for: a quotient of long numbers
 _ZERO = Fraction(0)
 
 
@@ -46,7 +47,7 @@ class Definite:
     def bounds(self, rows: Sequence[Mapping[int, Fraction]]) -> list[Fraction]:
         """Return a number >= r'M^-1 r = (T r)'C^-1 (T r) for each row; each summand is rounded up, to BITS bits."""
         size = len(self.gaps)
-        spend(len(rows) * size)
+        spend(SUMMAND * len(rows) * size)
         R = matrix([[row.get(j, _ZERO) for j in range(size)] for row in rows], size)
         products = R * lower_triangular(self.factor).T
         return [

@@ -8,16 +8,19 @@ from fractions import Fraction
 from time import process_time
 from typing import Any
 
+import numpy as np
 import pytest
 from flint import ctx
 
 from checker import known_ledgers
 from checker.identities import known
+from checker.ledgers import Sketch, curve, draft, point
 from checker.maker import data
 from checker.maker import model as model_object
 from checker.test_algebraic_regions import _content as fold_region
 from checker.test_network import file as network_file
 from checker.test_network import model as network_model
+from persid.certificates.ledger import with_proof
 from persid_check import Accepted, Malformed, Rejected, check, model_sha256
 from persid_check.enclosure import PRECISION, constant
 from persid_check.ledger.algebraic import prove_algebraic
@@ -82,6 +85,23 @@ def long_pieces() -> Content:
     return content | {"model_sha256": model_sha256(content["model"])}
 
 
+def many_strips() -> Content:
+    """x' = -x of 100 states and 12,000 strips: each is bounded by a sum of 100 quotients of long numbers."""
+    model = model_object([], (-np.eye(100)).tolist(), n=100)
+    content = draft(Sketch(model, [], [], [], "region", 1, full=False))
+    content["P"]["diagonal"], content["gamma"] = [[1, 0]] * 100, [1, 9]
+    strip = [[[0, [1, 0]]], [-9, 0], [9, 0]]
+    return with_proof(content | {"p": [1, -1], "level": [1, 0], "strips": [strip] * 12_000})
+
+
+def many_points() -> Content:
+    """1,500 points, each with 30 channels: a program of 899 instructions is compared for every one."""
+    text = "+".join(["x"] * 450)
+    model = model_object([(text, [[1.0]], [[0.0]])], [[-1.0]])
+    sketch = Sketch(model, [curve([(text, 1)] * 30)], [point(0, {0: 1}, [0] * 30, [])] * 1500, [])
+    return with_proof(draft(sketch) | {"P": {"lower": [[[1, 0]]]}, "gamma": [1, 0], "dropped": [1]})
+
+
 def _long(draw: random.Random) -> list[int]:
     return [draw.getrandbits(2040) | 1, -draw.randrange(2000)]
 
@@ -92,13 +112,15 @@ def _long(draw: random.Random) -> list[int]:
         (many_inputs, Accepted),
         (one_hash, Accepted),
         (long_forms, Rejected),
+        (many_strips, Rejected),
+        pytest.param(many_points, Rejected, marks=pytest.mark.long),
         pytest.param(long_tails, Rejected, marks=pytest.mark.long),
         pytest.param(long_pieces, Rejected, marks=pytest.mark.long),
     ],
-    ids=["inputs", "hashes", "long_forms", "long_tails", "long_pieces"],
+    ids=["inputs", "hashes", "long_forms", "strips", "points", "long_tails", "long_pieces"],
 )
 def test_no_file_takes_long(content: Callable[[], Content], answer: type) -> None:
-    """Of 60 to 400 kB each."""
+    """Of 60 to 500 kB each."""
     written = data(content())
     begun = process_time()
     assert isinstance(check(written), answer)

@@ -20,6 +20,7 @@ from persid_check.work import spend
 
 SQUARINGS = 4  # Gamma^16: its trace bounds the 16th power of the largest eigenvalue
 BITS = 128  # of Gamma's trace, to which its entries are rounded before
+COMPARED = 8  # instructions of two programs, in a step
 PRIME = 2**61 - 1  # the rank modulo a prime is at most the rank
 _ZERO, _HALF, _ONE = Fraction(0), Fraction(1, 2), Fraction(1)
 
@@ -170,7 +171,7 @@ def _point(ledger: Ledger, p: int) -> None:
     curve = ledger.curves[point.curve]
     for c, (program, alpha) in zip(point.channels, curve.functions, strict=True):
         channel = ledger.model.channels[c]
-        spend(len(channel.row))
+        spend(len(channel.row) + len(program) // COMPARED)
         require(channel.program == program, where, f"channel {c} has another function")
         multiple = channel.row == {i: alpha * r for i, r in point.row.items()}
         require(multiple, where, f"the row of channel {c} is not the multiple of the point's row")
