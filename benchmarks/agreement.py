@@ -17,6 +17,7 @@ from children import keep, shared_families
 from library import by_library
 
 from persid.certificates.certificate import Certificate
+from persid.certificates.doubts import without_unproved
 from persid.certificates.obstruction import find_obstruction
 from persid.certificates.stability import write
 from persid.errors import RoundingError
@@ -66,7 +67,7 @@ def _proved(setting: Setting, found: Outcome, full_P: bool) -> str:
         return "not proved" if find_obstruction(setting.model, found) is None else "proved"
     while found.status is Status.FEASIBLE:
         lyapunov = choose(found.assembly, found.solution.y)
-        setting, dropped = setting.without_unproved(lyapunov)
+        setting, dropped = without_unproved(setting, lyapunov)
         if not dropped:
             try:
                 Certificate.accept(write(setting.model, lyapunov))

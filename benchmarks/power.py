@@ -21,6 +21,7 @@ from children import shared_families
 from numpy import ndarray
 
 from persid.certificates.certificate import Certificate
+from persid.certificates.doubts import without_unproved
 from persid.certificates.stability import write
 from persid.errors import RoundingError
 from persid.lyapunov.inequality import assemble
@@ -84,7 +85,7 @@ def decide(model: PersidskiiModel, forms: Callable[[Curve], ndarray] | None, ful
             return solution.status.name.lower(), f"margin between {solution.lower:.1e} and {solution.upper:.1e}"
         try:
             found = choose(assembly, solution.y)
-            setting, dropped = setting.without_unproved(found)
+            setting, dropped = without_unproved(setting, found)
             if not dropped:
                 return "certified", Certificate.accept(write(model, found)).claim
         except RoundingError as error:

@@ -5,11 +5,23 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from persid.lyapunov.integrals import lower_constants, proves_lower, proves_upper, upper_constants
+from persid.lyapunov.integrals import lower_constants, upper_constants
 from persid.lyapunov.sectors import Curve
+from persid_check.search.prover import prove_integral_lower, prove_integral_upper
 
 KNOWN = {"x**3": 1 / 4, "x**5": 1 / 6, "tanh(x)": 1.0, "x*abs(x)": 1 / 3}
 ONE = (Fraction(1),)
+ITSELF = (Fraction(0), Fraction(1))
+
+
+def proves_upper(curve: Curve, c: float) -> bool:
+    """Whether the integral of the function is proved to be at most c y f(y)."""
+    return prove_integral_upper(curve.exact, ITSELF, Fraction(c), curve.domain, curve.shift)
+
+
+def proves_lower(curve: Curve, d: float) -> bool:
+    """Whether it is proved to be at least d y^2 / 2."""
+    return prove_integral_lower(curve.exact, ITSELF, Fraction(d), curve.domain, curve.shift)
 
 
 @pytest.mark.parametrize("f", KNOWN)
@@ -20,8 +32,8 @@ def test_upper(f: str) -> None:
     c = upper_constants(curve, forms)
     assert c[0] == 0.5
     assert KNOWN[f] <= c[1] <= 1.05 * KNOWN[f] + 1e-3
-    assert proves_upper(curve, [0.0, 1.0], max(float(c[1]), KNOWN[f]))
-    assert not proves_upper(curve, [0.0, 1.0], 0.9 * KNOWN[f])
+    assert proves_upper(curve, max(float(c[1]), KNOWN[f]))
+    assert not proves_upper(curve, 0.9 * KNOWN[f])
 
 
 def test_lower_on_a_domain() -> None:
@@ -30,9 +42,9 @@ def test_lower_on_a_domain() -> None:
     d = float(lower_constants(curve, np.array([[0.0, 1.0]]))[0])
     best = (1 - np.cos(2)) / 2
     assert 0.95 * best <= d <= best
-    assert proves_lower(curve, [0.0, 1.0], d)
-    assert proves_lower(curve, [0.0, 1.0], 0.0)
-    assert not proves_lower(curve, [0.0, 1.0], 1.02 * best)
+    assert proves_lower(curve, d)
+    assert proves_lower(curve, 0.0)
+    assert not proves_lower(curve, 1.02 * best)
 
 
 def test_shifted_cube() -> None:
@@ -40,7 +52,7 @@ def test_shifted_cube() -> None:
     curve = Curve(("x**3",), ONE, None, (Fraction(1), Fraction(0)))
     c = float(upper_constants(curve, np.array([[0.0, 1.0]]))[0])
     assert 0.788 < c < 0.81
-    assert not proves_upper(curve, [0.0, 1.0], 0.25)
+    assert not proves_upper(curve, 0.25)
 
 
 def test_no_constant() -> None:

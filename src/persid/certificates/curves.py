@@ -104,14 +104,13 @@ class Curve:
         forms: list[Json] = []
         extra: list[Json] = []
         for use in uses:
-            entry = self._written(use.form, *self._kind(use.form, SPANNING if use.spans else use.kinds, use.offset))
-            entry["offset"] = dyadic(use.offset)
+            entry = self._itself(use)
             if use.c is not None:
-                entry["upper"] = self._upper(use.form, entry["is"], use.c, use.e)
+                entry["upper"] = self._upper(use, entry["is"], use.c)
             if use.below:
                 d, below = use.below
                 entry["lower"] = [dyadic(d), len(uses) + len(extra)]
-                extra.append(self._written(below, *self._kind(below, ("nondecreasing",) if use.square else INTEGRABLE)))
+                extra.append(self._below(use, below))
             forms.append(entry)
         return {
             "functions": [[text, dyadic(alpha)] for text, alpha in self.functions],
@@ -121,6 +120,28 @@ class Curve:
             "forms": forms + extra,
             "products": [self._product([use.form for use in uses], *product) for product in products],
         }
+
+    def lack(self, use: Use) -> str | None:
+        """Return the first of "form", "upper" and "lower" bound that has no proof; None where all that is used has."""
+        what = "form"
+        try:
+            entry = self._itself(use)
+            what = "upper"
+            if use.c is not None:
+                self._upper(use, entry["is"], use.c)
+            what = "lower"
+            if use.below:
+                self._below(use, use.below[1])
+        except RoundingError:
+            return what
+        return None
+
+    def _itself(self, use: Use) -> Json:
+        kinds = SPANNING if use.spans else use.kinds
+        return self._written(use.form, *self._kind(use.form, kinds, use.offset)) | {"offset": dyadic(use.offset)}
+
+    def _below(self, use: Use, form: Form) -> Json:
+        return self._written(form, *self._kind(form, ("nondecreasing",) if use.square else INTEGRABLE))
 
     def _product(self, forms: Sequence[Form], k: int, j: int, c: Fraction) -> list[object]:
         cuts = cuts_of_product(self.product(forms[k], forms[j], c))
@@ -168,14 +189,14 @@ class Curve:
             total = float(form[0]) + sum(slopes, np.zeros(len(y)))
         return bool((total < -1e-9 * size).any())
 
-    def _upper(self, form: Form, kind: str, c: Fraction, e: Fraction = _ZERO) -> list[object]:
+    def _upper(self, use: Use, kind: str, c: Fraction) -> list[object]:
         free = kind in ("nondecreasing", "rising") and c >= 1
-        if free or (not any(form[1:]) and c >= Fraction(1, 2)):
+        if free or (not any(use.form[1:]) and c >= Fraction(1, 2)):
             return [dyadic(c), [0, 0], None]
-        cuts = cuts_of(self.lemma(form, "upper", c=c, allowance=e), self.domain)
+        cuts = cuts_of(self.lemma(use.form, "upper", c=c, allowance=use.e), self.domain)
         if cuts is None:
-            raise RoundingError(f"no proof of the bound {float(c)} of the integral of {[float(v) for v in form]}")
-        return [dyadic(c), dyadic(e), written_cuts(cuts)]
+            raise RoundingError(f"no proof of the bound {float(c)} of the integral of {[float(v) for v in use.form]}")
+        return [dyadic(c), dyadic(use.e), written_cuts(cuts)]
 
     @staticmethod
     def _written(form: Form, kind: str, cuts: Cuts) -> Json:

@@ -107,20 +107,21 @@ def _points(
 ) -> tuple[list[Json], list[object]]:
     """Return the points of the groups, with their shares of V, and the products of their forms."""
     points, products, system = list[Json](), list[object](), lyapunov.system
-    spans = not lyapunov.kappa and len(system.states) < system.n
     for group, part in zip(system.groups, lyapunov.chosen, strict=True):
         if not group.channels:
             continue
         k, row, stretched = written(group)
-        place, numbers = curves.place(curve_of(stretched), list(_uses(part, k, lyapunov.kappa > 0, spans)))
+        place, numbers = curves.place(curve_of(stretched), list(uses(part, k, lyapunov)))
         shares = [[at, exactly(Fraction(mu) * k)] for at, mu in zip(numbers, part.mu.tolist(), strict=True) if mu]
         products += [[len(points), numbers[i], numbers[j], dyadic(tau)] for i, j, tau in part.products]
         points.append(written_point(place, row, group.channels, shares))
     return points + idle_points(curves, model, _absent(model, system), at), products
 
 
-def _uses(part: Chosen, k: Fraction, rate: bool, spans: bool) -> Iterator[Use]:
-    """Return how a group uses its forms, over y/k; those in V have their constants."""
+def uses(part: Chosen, k: Fraction, lyapunov: Lyapunov) -> Iterator[Use]:
+    """Return how a Lyapunov function uses the forms of a group, over y/k; those in V have their constants."""
+    rate = lyapunov.kappa > 0
+    spans = not rate and len(lyapunov.system.states) < lyapunov.system.n
     bounds = zip(part.upper.tolist(), part.lower.tolist(), strict=True)
     for form, mu, (c, d) in zip(part.forms.tolist(), part.mu.tolist(), bounds, strict=True):
         over = (Fraction(form[0]) * k, *map(Fraction, form[1:]))

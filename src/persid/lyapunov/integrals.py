@@ -5,15 +5,11 @@ are estimated here on samples, moved to the safe side, rounded to dyadics, and b
 proves them.
 """
 
-from collections.abc import Iterable
-from fractions import Fraction
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid.lyapunov.sectors import Curve
-from persid_check.search.prover import prove_integral_lower, prove_integral_upper
 
 LARGEST = 64.0  # a form with a larger c is no density worth having
 SAFETY = 1 / 64  # relative distance kept from what the samples show
@@ -39,20 +35,6 @@ def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray
     size = np.exp2(np.floor(np.log2(np.maximum(ratio, 1e-300))))
     worth = ratio > 1e-2 * np.abs(forms).max(axis=1)
     return np.where(worth, np.floor(ratio * (1 - SAFETY) / size / STEP) * STEP * size, 0.0)
-
-
-def proves_upper(curve: Curve, form: Iterable[float], c: float) -> bool:
-    """Whether the checker's prover establishes the upper bound of the integral."""
-    return prove_integral_upper(curve.exact, _fractions(form), Fraction(c), curve.domain, curve.shift)
-
-
-def proves_lower(curve: Curve, form: Iterable[float], d: float) -> bool:
-    """Whether the checker's prover establishes the lower bound of the integral."""
-    return d == 0 or prove_integral_lower(curve.exact, _fractions(form), Fraction(d), curve.domain, curve.shift)
-
-
-def _fractions(form: Iterable[float]) -> tuple[Fraction, ...]:
-    return tuple(Fraction(float(c)) for c in form)
 
 
 def _sampled(curve: Curve, count: int = 800) -> tuple[ndarray, ndarray, ndarray]:

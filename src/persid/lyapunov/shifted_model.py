@@ -10,8 +10,7 @@ from numpy import ndarray
 
 from persid.lyapunov import decay
 from persid.lyapunov.arrays import HOST, Arrays
-from persid.lyapunov.integrals import lower_constants, proves_lower, proves_upper, upper_constants
-from persid.lyapunov.multipliers import Lyapunov
+from persid.lyapunov.integrals import lower_constants, upper_constants
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.own_functions import lacking, own_functions
 from persid.lyapunov.sectors import (
@@ -93,7 +92,7 @@ class Setting:
         for curve, forms in self.pools.items():
             rising = nondecreasing_pool(curve) if curve.functions else ()
             for k in reversed([k for k, form in enumerate(forms.tolist()) if tuple(form) not in rising]):
-                setting = setting._without(curve, k)
+                setting = setting.without(curve, k)
         return setting
 
     def places(self, forms: Collection[tuple[Curve, tuple[float, ...]]]) -> list[tuple[Curve, int]]:
@@ -126,43 +125,20 @@ class Setting:
         """The distance of the operating point from the faces of the box, per state."""
         return None if self.box is None or self.point is None else self.point.reach(self.box)
 
-    def without_unproved(self, lyapunov: Lyapunov) -> tuple["Setting", tuple[str, ...]]:
-        """Prove what a Lyapunov function uses; return the setting without what is not proved, and the names of that.
-
-        A form that is not proved leaves its pool, a constant that is not proved weakens.
-        """
-        parts = zip(lyapunov.system.groups, lyapunov.chosen, strict=True)
-        used = [
-            (group.curve, tuple(form.tolist()), bool(mu > 0 and lyapunov.kappa > 0))
-            for group, part in parts
-            for form, mu in zip(part.forms, part.mu, strict=True)
-        ]
-        setting, dropped = self, list[str]()
-        for curve, form, rated in dict.fromkeys(used):
-            setting, doubts = setting._doubted(curve, form, rated)
-            dropped += doubts
-        return setting, tuple(dropped)
-
-    def _doubted(self, curve: Curve, form: tuple[float, ...], rated: bool) -> tuple["Setting", list[str]]:
-        places = np.flatnonzero((self.pools[curve] == np.array(form)).all(axis=1))
-        if not len(places):  # a group with the same curve has dropped it already
-            return self, []
-        k = int(places[0])
-        if not curve.proves(form):
-            return self._without(curve, k), [_text(curve, form)]
-        c, d = float(self.upper[curve][k]), float(self.below[curve][k])
-        if rated and not proves_upper(curve, form, c):
-            weaker = 1.0 if c != 1.0 and proves_upper(curve, form, 1.0) else np.nan
-            return replace(self, upper=_changed(self.upper, curve, k, weaker)), [f"{_text(curve, form)}, c = {c:.4g}"]
-        if rated and not proves_lower(curve, form, d):
-            return replace(self, below=_changed(self.below, curve, k, 0.0)), [f"{_text(curve, form)}, d = {d:.4g}"]
-        return self, []
-
-    def _without(self, curve: Curve, k: int) -> "Setting":
+    def without(self, curve: Curve, k: int) -> "Setting":
+        """Return the setting without a form of a curve's pool."""
         pools, upper, below = (
             {**table, curve: np.delete(table[curve], k, axis=0)} for table in (self.pools, self.upper, self.below)
         )
         return replace(self, pools=pools, upper=upper, below=below)
+
+    def with_upper(self, curve: Curve, k: int, c: float) -> "Setting":
+        """Return the setting with another constant c of a form."""
+        return replace(self, upper=_changed(self.upper, curve, k, c))
+
+    def with_lower(self, curve: Curve, k: int, d: float) -> "Setting":
+        """Return the setting with another constant d of a form."""
+        return replace(self, below=_changed(self.below, curve, k, d))
 
 
 def _changed(table: dict[Curve, ndarray], curve: Curve, k: int, value: float) -> dict[Curve, ndarray]:
@@ -196,8 +172,3 @@ def is_reference(model: PersidskiiModel, point: OperatingPoint) -> bool:
 def place(model: PersidskiiModel, point: OperatingPoint | None, box: Float[ndarray, "n 2"] | None) -> Place | None:
     """Return where the functions of a model are looked at; None where they are not shifted."""
     return None if point is None else Place.about(point.x, model.x_ref, point.radius, box)
-
-
-def _text(curve: Curve, form: tuple[float, ...]) -> str:
-    names = ("x", *curve.functions)
-    return " ".join(f"{c:+.4g} {name}" for c, name in zip(form, names, strict=True) if c)

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 
 from persid.certificates.certificate import Certificate
+from persid.certificates.doubts import without_unproved
 from persid.certificates.obstruction import find_obstruction
 from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
@@ -49,7 +50,7 @@ def settled(
                 failure = Failure(Reason.FORM, words.UNPROVED.format("; ".join(unproved[:4]))) if lacking else found
                 return failure, setting
             log.progress("proving properties of the functions")
-            setting, dropped = setting.without_unproved(found)
+            setting, dropped = without_unproved(setting, found)
             if not dropped:
                 log.progress("checking in exact arithmetic")
                 certificate = prove(setting.model, found, setting.point, setting.box, outputs)
