@@ -1,7 +1,7 @@
 """Partitions: where a lemma about one function is cut, so that the checker proves it piece by piece without a search.
 
-The search is here. Pieces are bisected until the checker's own evaluation of a piece succeeds; a point where it fails
-ends the search.
+The search is here. Pieces are bisected in floating point, many at once, until the checker's evaluation seems to succeed
+on all; then it is asked. Where it does not succeed they are bisected until it does; a point where it fails ends that.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,18 +10,24 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 
+import numpy as np
+from numpy import ndarray
+
 from persid._dyadics import is_dyadic
+from persid.certificates.guesses import least_on, mean_on
 from persid_check.enclosure import UndefinedError, between, value
 from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, Product, variable
 from persid_check.search.side import kinks
 
 GERMS = tuple(Fraction(2) ** k for k in (20, 8, 6, 4, 3, 2, 1, 0, -1, -2, -3, -4, -6, -8, -12, -18, -24))
 TAILS = tuple(Fraction(2) ** k for k in (3, 5, 8, 12, 20))
-PROBES = tuple(s * Fraction(3 * 2 ** (k + 8), 1024) for k in range(-6, 6) for s in (1, -1))  # 0.01 to 24, and minus
+PROBES = np.geomspace(1e-3, 30, 100)  # distances from the centre at which a quantity is looked at
 PIECES = 3000  # of a partition
+FEW = 100  # halvings that are guessed; where more are needed expansions about the centre may do with fewer
 FINEST = Fraction(1, 2**40)
 BITS = 40  # of a cut between the centre and an end
 _ZERO = Fraction(0)
+Piece = tuple[Fraction, Fraction]
 
 
 @lru_cache(maxsize=8192)
@@ -32,47 +38,146 @@ def cuts_of(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | No
         found = cuts_of(replace(lemma, centre=None), None)
         if found is None or (found[0] < low and high < found[-1]):
             return found
-    if _refuted(lemma, domain):
-        return None
-    ends = _ends(lemma) if domain is None else (low + domain[0], high + domain[1])
-    if ends is None:
-        return None
-    germ = _germ(lemma, ends, low, high)
-    left = None if germ is None else _bisected(lemma, ends[0], germ[0])
-    right = None if germ is None or left is None else _bisected(lemma, germ[-1], ends[1])
-    if germ is not None and left is not None and right is not None:
-        return tuple(sorted({*left, *germ, *right}))
-    return _graded(lemma, ends, domain) if lemma.kind in SUMMED else None
+    if not _seems_negative(lemma, domain):
+        cuts = _guessed(lemma, domain) or _searched(lemma, domain)
+        if cuts is not None:
+            return cuts
+    return _graded(lemma, domain) if lemma.kind in SUMMED else None
 
 
-def _refuted(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> bool:
-    """Whether the quantity is negative at some point that is tried: then there is nothing to search."""
-    if lemma.kind in SUMMED or lemma.kind == "one-signed":
-        return False
+def _seems_negative(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> bool:
+    """Whether the quantity is negative in floats at some point that is tried: then there is nothing to search."""
+    low, high = (float(t) for t in lemma.centre or (0, 0))
+    tried = np.concatenate([low - PROBES, high + PROBES])
+    if domain is not None:
+        tried = tried[(low + float(domain[0]) <= tried) & (tried <= high + float(domain[1]))]
+    value, known = least_on(lemma, tried, tried)
+    return bool((value < -known).any())
+
+
+def _guessed(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+    """Return a few cuts that floats suggest, with the first of the tails; None where the checker does not prove it."""
     low, high = lemma.centre or (_ZERO, _ZERO)
-    least, most = (None, None) if domain is None else (low + domain[0], high + domain[1])
-    opposite = replace(lemma, form=tuple(-v for v in lemma.form), kind="rising" if lemma.kind in SLOPES else "growing")
-    for step in PROBES:
-        t = step + (high if step > 0 else low)
-        if (least is None or least <= t) and (most is None or t <= most) and opposite.holds_on(t, t):
-            return True
-    return False
+    ends = (low + domain[0], high + domain[1]) if domain else (min(-TAILS[0], low - 1), max(TAILS[0], high + 1))
+    germ = _seen_germ(lemma, ends)
+    cuts = None if germ is None else _halved_in_floats(lemma, ends, germ, FEW)
+    return cuts if cuts is not None and lemma.unproved(cuts, domain) is None else None
 
 
-def _graded(lemma: Lemma, ends: tuple[Fraction, Fraction], domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+def _searched(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+    """Return cuts that the checker's evaluation has found, tails and what is about the centre first."""
+    ends = _ends(lemma, domain)
+    germ = None if ends is None else _germ(lemma, ends)
+    cuts = None if ends is None or germ is None else _halved_in_floats(lemma, ends, germ, PIECES)
+    if cuts is None or lemma.unproved(cuts, domain) is None:
+        return cuts
+    found = _halved(lemma, list(pairwise(cuts)))
+    return None if found is None else tuple(found)
+
+
+def _seen_germ(lemma: Lemma, ends: tuple[Fraction, Fraction]) -> Cuts | None:
+    """Return the cuts about the centre, or about 0 for a kind that has none, as far as they seem to go, if at all."""
+    low, high = lemma.centre or (_ZERO, _ZERO)
+    middle = _ZERO if lemma.kind in SLOPES else low
+    if lemma.kind not in (*SLOPES, "one-signed") and low != high:
+        return _seen_widest(lemma, [(max(low - h, ends[0]), min(high + h, ends[1])) for h in GERMS])
+    if not ends[0] < middle < ends[1]:
+        return (ends[0],)
+    left = _seen_widest(lemma, [(middle - h, middle) for h in _within(middle - ends[0])])
+    right = _seen_widest(lemma, [(middle, middle + h) for h in _within(ends[1] - middle)])
+    return None if left is None or right is None else (left[0], middle, right[1])
+
+
+def _seen_widest(lemma: Lemma, pieces: Sequence[Piece]) -> Piece | None:
+    """Return the widest of pieces about the centre on which the quantity seems to be positive."""
+    lo, hi = _floats(pieces)
+    seems = least_on(lemma, lo, hi)[0] >= 0 if lemma.kind in (*SLOPES, "one-signed") else mean_on(lemma, lo, hi)
+    return pieces[int(seems.argmax())] if seems.any() else None
+
+
+def _halved_in_floats(lemma: Lemma, ends: Piece, germ: Cuts, most: int) -> Cuts | None:
+    """Return cuts about the centre with others beside it, halved where the quantity seems to be negative on a piece.
+
+    A piece on which it is not defined in floats stays, and one that is very short; None where there are too many.
+    """
+    sides = (ends[0], germ[0]), (germ[-1], ends[1])
+    pieces = [piece for a, b in sides if a < b for piece in _powers(a, b, _hinges(lemma.functions))]
+    found, (lo, hi), finest = list[float](), _floats(pieces), float(FINEST * (ends[1] - ends[0]))
+    while len(lo):
+        value, known = least_on(lemma, lo, hi)
+        more = (value < -known) & (hi - lo > finest)
+        lo, hi = lo[more], hi[more]
+        middle = (lo + hi) / 2
+        found += middle.tolist()
+        if len(found) > most:
+            return None
+        lo, hi = np.concatenate([lo, middle]), np.concatenate([middle, hi])
+    return _ordered([*ends, *germ, *(t for piece in pieces for t in piece), *map(Fraction, found)])
+
+
+def _floats(pieces: Sequence[Piece]) -> tuple[ndarray, ndarray]:
+    ends = np.array([(float(a), float(b)) for a, b in pieces]).reshape(-1, 2)
+    return ends[:, 0], ends[:, 1]
+
+
+def _graded(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
     """Return pieces that grow with the distance from the centre, for a quantity that falls below 0 where it has risen.
 
     Near the centre the quantity is about linear in the distance, so only pieces that are short beside it keep its sign.
     """
     low, high = lemma.centre or (_ZERO, _ZERO)
+    ends, middle = _ends(lemma, domain), [low] if low == high else []
+    if ends is None:
+        return None
     for count in (32, 128, 512, 2048, 8192):
-        left = [low - d for d in _distances(low - ends[0], count)]
-        right = [high + d for d in _distances(ends[1] - high, count)]
-        hinges = (t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high)
-        cuts = _ordered([*left[::-1], *((low,) if low == high else ()), *right, *hinges])
-        if lemma.unproved(cuts, domain) is None:
-            return cuts
+        left = [*middle, *(low - d for d in _distances(low - ends[0], count))]
+        right = [*middle, *(high + d for d in _distances(ends[1] - high, count))]
+        hinges = [t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high]
+        thin = [_thinned(lemma, side) for side in (left, right)]
+        if all(thin):
+            for sides in (thin, (left, right)):
+                cuts = _ordered([*sides[0], *sides[1], *hinges])
+                if lemma.unproved(cuts, domain) is None:
+                    return cuts
     return None
+
+
+def _thinned(lemma: Lemma, outward: list[Fraction]) -> list[Fraction]:
+    """Return some of the cuts on one side, with which the sum still seems to stay above 0; none if it does not on all.
+
+    Two blocks of pieces become one where that loses a small share of what the sum has left from there on.
+    """
+    t = np.array([float(v) for v in outward])
+    rises = [_rise(lemma, t[:: 2**k]) for k in range((len(t) - 1).bit_length())]
+    total = float(lemma.allowance) + np.cumsum(rises[0])
+    if total.min() < 0:
+        return []
+    left = np.minimum.accumulate(total[::-1])[::-1]
+    for share in 0.5 ** np.arange(24):
+        blocks, kept = np.ones(len(rises[0]), bool), [np.arange(len(rises[0]))]
+        for k, rise in enumerate(rises[1:], start=1):
+            pairs = 2 * len(rise)
+            lost = rises[k - 1][:pairs].reshape(-1, 2).sum(axis=1) - rise
+            ends = 2**k * np.arange(1, len(rise) + 1) - 1
+            joined = blocks[:pairs].reshape(-1, 2).all(axis=1) & (lost <= share * left[ends])
+            kept[-1] = kept[-1][~np.isin(kept[-1] >> k, np.flatnonzero(joined))]
+            kept.append(2**k * np.flatnonzero(joined))
+            blocks = joined
+        starts = np.concatenate(kept)
+        order = np.argsort(starts)
+        sums = np.concatenate([rises[k][at >> k] for k, at in enumerate(kept)])[order]
+        if (float(lemma.allowance) + np.cumsum(sums)).min() >= 0:
+            return [*(outward[i] for i in starts[order]), outward[-1]]
+    return outward
+
+
+def _rise(lemma: Lemma, t: ndarray) -> ndarray:
+    """Return by how much the sum rises at least from each cut to the next, outward, as far as floats tell."""
+    lo, hi = np.minimum(t[:-1], t[1:]), np.maximum(t[:-1], t[1:])
+    least = least_on(lemma, lo, hi)[0]
+    about = float((lemma.centre or (_ZERO, _ZERO))[0])
+    held = ((lo == about) | (hi == about)) & mean_on(lemma, lo, hi)
+    return np.asarray((hi - lo) * np.where(held, np.fmax(least, 0.0), least))
 
 
 def _ordered(cuts: list[Fraction]) -> Cuts:
@@ -91,19 +196,23 @@ def _distances(reach: Fraction, count: int) -> list[Fraction]:
     while rising[-1] < 1 - step:
         rising.append(min(rising[-1] * ratio, rising[-1] + step))
     unit = Fraction(2) ** (reach.numerator.bit_length() - reach.denominator.bit_length() - BITS)  # cuts are short
-    return [*(unit * round(reach * Fraction(share) / unit) for share in rising), reach]
+    units = float(reach / unit)
+    return [*(unit * round(units * share) for share in rising), reach]
 
 
-def _ends(lemma: Lemma) -> tuple[Fraction, Fraction] | None:
-    """Return the nearest cuts beyond which the tails are proved and inside which all centres lie."""
+def _ends(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Piece | None:
+    """Return the domain, or the nearest cuts beyond which the tails are proved and inside which all centres lie."""
     low, high = lemma.centre or (_ZERO, _ZERO)
+    if domain is not None:
+        return low + domain[0], high + domain[1]
     right = next((Y for Y in TAILS if high < Y and lemma.holds_beyond(Y, 1)), None)
     left = next((Y for Y in TAILS if low > -Y and lemma.holds_beyond(Y, -1)), None)
     return None if left is None or right is None else (-left, right)
 
 
-def _germ(lemma: Lemma, ends: tuple[Fraction, Fraction], low: Fraction, high: Fraction) -> Cuts | None:
+def _germ(lemma: Lemma, ends: Piece) -> Cuts | None:
     """Return the cuts about the centre, (or about 0, for a kind that has no centre): as far as they go."""
+    low, high = lemma.centre or (_ZERO, _ZERO)
     if lemma.kind in SLOPES or lemma.kind == "one-signed" or low == high:
         middle = _ZERO if lemma.kind in SLOPES or low != high else low
         if not ends[0] < middle < ends[1]:
@@ -133,11 +242,7 @@ def _within(reach: Fraction) -> list[Fraction]:
     return [reach, *(h for h in GERMS if h < reach)]
 
 
-def _bisected(lemma: Lemma, a: Fraction, b: Fraction) -> list[Fraction] | None:
-    return [a] if a >= b else _halved(lemma, _powers(a, b, _hinges(lemma.functions)))
-
-
-def _halved(lemma: Lemma | Product, pieces: list[tuple[Fraction, Fraction]]) -> list[Fraction] | None:
+def _halved(lemma: Lemma | Product, pieces: list[Piece]) -> list[Fraction] | None:
     """Return the ends of pieces on each of which it holds, halved where it does not; None where that does not end."""
     cuts, finest, left = [pieces[0][0]], (pieces[-1][1] - pieces[0][0]) * FINEST, pieces[::-1]
     while left:
@@ -152,7 +257,7 @@ def _halved(lemma: Lemma | Product, pieces: list[tuple[Fraction, Fraction]]) -> 
     return cuts
 
 
-def _powers(a: Fraction, b: Fraction, hinges: Sequence[Fraction]) -> list[tuple[Fraction, Fraction]]:
+def _powers(a: Fraction, b: Fraction, hinges: Sequence[Fraction]) -> list[Piece]:
     """Cut [a, b] at hinges and at powers of two, where other kinks like to be."""
     inner = [*hinges, *(s * Fraction(2) ** k for k in range(-4, 21) for s in (1, -1))]
     return list(pairwise(sorted({a, *(c for c in inner if a < c < b), b})))
@@ -175,6 +280,7 @@ def cuts_of_product(product: Product) -> Cuts | None:
     return None if cuts is None else tuple(cuts)
 
 
+@lru_cache(maxsize=8192)
 def cuts_of_continuity(functions: Functions, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
     """Return cuts on which every function is proved continuous; `domain` is absolute."""
     ends = domain

@@ -60,6 +60,7 @@ _FUNCTIONS: dict[str, tuple[_Unary, _Unary]] = {
     "deadzone": (lambda y: y - np.clip(y, -1, 1), lambda y: np.where(np.abs(y) >= 1, 1.0, 0.0)),
     "sat": (lambda y: np.clip(y, -1, 1), lambda y: np.where(np.abs(y) < 1, 1.0, 0.0)),
 }
+VALUES: dict[str, _Unary] = {name: f for name, (f, _) in _FUNCTIONS.items()}
 _LATEX = {"abs": r"\left|{}\right|", "sqrt": r"\sqrt{{{}}}", "arcsinh": r"\operatorname{{arcsinh}} {}"} | {
     name: rf"\operatorname{{{{{name}}}}} {{}}"
     for name in ("log1p", "expm1", "erf", "softsign", "softplus", "relu", "deadzone", "sat")
