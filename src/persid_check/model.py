@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from persid_check.entry import Entry, Row
+from persid_check.exact import matrix
 from persid_check.expression import Program, is_linear
 
 FORMAT = "persid-model-1"
@@ -182,13 +183,11 @@ def _nonzero(row: list[float]) -> Row:
 
 
 def _merged(A0: list[list[Fraction]], channels: Iterable[Channel]) -> tuple[Channel, ...]:
-    """Add the terms f = x to A0 and return the others."""
-    others = []
-    for channel in channels:
-        if not is_linear(channel.program):
-            others.append(channel)
-            continue
-        for i, a in enumerate(channel.column):
-            for j, r in channel.row.items():
-                A0[i][j] += Fraction(a) * r
-    return tuple(others)
+    """Add the terms f = x to A0, by one product of exact matrices, and return the others."""
+    n, listed = len(A0), list(channels)
+    linear = [channel for channel in listed if is_linear(channel.program)]
+    if linear:
+        R = matrix([[channel.row.get(j, 0) for j in range(n)] for channel in linear], n)
+        total = matrix(A0, n) + matrix([channel.column for channel in linear], n).T * R
+        A0[:] = [[Fraction(int(v), 1 << total.exponent) for v in row] for row in total.flint.table()]
+    return tuple(channel for channel in listed if not is_linear(channel.program))
