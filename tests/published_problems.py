@@ -197,8 +197,8 @@ PUBLISHED: tuple[Published, ...] = (
     # regions
     Region("x' = -x + x^3", ps.PersidskiiModel([[-1.0]], [("x**3", None, [[1.0]])], [[1.0]]), 1.99, 2.0, 2.0, KHALIL,
            unit="length"),
-    Region("van der Pol reversed, mu = 1", _reversed_oscillator(1.0), 9.4, None, 13.722, KHALIL, before=9.06),
-    Region("van der Pol reversed, mu = 3", _reversed_oscillator(3.0), 11.3, None, 20.491, KHALIL, before=9.22),
+    Region("van der Pol reversed, mu = 1", _reversed_oscillator(1.0), 9.65, None, 13.722, KHALIL, before=9.06),
+    Region("van der Pol reversed, mu = 3", _reversed_oscillator(3.0), 12.1, None, 20.491, KHALIL, before=9.22),
     Region("x1' = x2, x2' = -x1 - x2 + x1^3/3", _spring([[0.0, 1.0], [-1.0, -1.0]], "x**3", 1 / 3), 8.7, None, None,
            "Prajna & Jadbabaie, HSCC (2004)"),
     Region("machine at an infinite bus, sin 60 degrees",

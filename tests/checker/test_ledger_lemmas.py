@@ -183,6 +183,35 @@ def test_a_false_lemma_has_no_partition(texts, form, kind, more) -> None:
             assert lemma.unproved(_random_cuts(choose), None) is not None
 
 
+def test_an_integral_is_bounded_by_middles_of_few_pieces() -> None:
+    """A bound of an integral that is nearly sharp at the end takes few pieces: their error falls with their squares."""
+    cube, h = ((parse("x**3"), Fraction(1)),), Fraction(2)
+    forms = {share: (h**2 / 2 * share, Fraction(-1)) for share in (Fraction(1025, 1024), Fraction(1))}
+    found = cuts_of(Lemma(cube, forms[Fraction(1025, 1024)], "offset"), (-h, h))
+    assert found is not None and len(found) < 300
+    assert cuts_of(Lemma(cube, forms[Fraction(1)], "offset"), (-h - Fraction(1, 64), h)) is None
+
+
+def test_a_middle_says_nothing_where_the_quantity_changes_its_sign() -> None:
+    """A gap that falls below 0 inside a piece and has risen at its end is not proved by the piece's middle."""
+    falls = ((parse("pwl(x; 0: 0, 0.125: 1, 1: -1, 3: 3)"), Fraction(1)),)  # areas to 1 and 1.5: 1/16, -3/16
+    lemma = Lemma(falls, (Fraction(0), Fraction(1)), "offset", allowance=Fraction(1, 64))
+    fine = (Fraction(-1), Fraction(0), Fraction(1, 8), *(Fraction(k, 64) for k in range(9, 64)))
+    with ctx.workprec(PRECISION):
+        assert lemma.unproved((*fine, Fraction(1)), (Fraction(-1), Fraction(1))) is None
+        assert lemma.unproved((*fine, Fraction(1), Fraction(3)), (Fraction(-1), Fraction(3))) is not None
+
+
+@pytest.mark.parametrize("tilt", [Fraction(0), Fraction(1, 2**20)])
+def test_a_middle_at_a_kink_counts_what_is_lost_beside_it(tilt: Fraction) -> None:
+    """At a kink the mean differs from the middle by an eighth of the width times the change of slope: exactly that."""
+    roof = ((parse("3 - abs(x - 3)"), Fraction(1)),)
+    lemma = Lemma(roof, (-2 - tilt, Fraction(4)), "offset")  # it falls from 3 on, and its integral is 0 again at 6
+    with ctx.workprec(PRECISION):
+        reason = lemma.unproved(tuple(map(Fraction, (-1, 0, 2, 4, 6))), (Fraction(-1), Fraction(6)))
+    assert reason == ("the sum over the piece from 4 to 6" if tilt else None)
+
+
 def test_the_point_zero_is_no_piece() -> None:
     """At 0 alone there is nothing to expand: a form that evaluation does not prove there is not proved."""
     cosine = Lemma(((parse("cos(x)-1"), Fraction(1)),), (Fraction(0), Fraction(1)), "rising")

@@ -129,7 +129,7 @@ def _graded(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | No
     ends, middle = _ends(lemma, domain), [low] if low == high else []
     if ends is None:
         return None
-    for count in (32, 128, 512, 2048, 8192):
+    for count in (16, 64, 256, 1024, 8192):
         left = [*middle, *(low - d for d in _distances(low - ends[0], count))]
         right = [*middle, *(high + d for d in _distances(ends[1] - high, count))]
         hinges = [t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high]

@@ -12,8 +12,9 @@ from numpy import ndarray
 from persid.lyapunov.sectors import Curve
 
 LARGEST = 64.0  # a form with a larger c is no density worth having
-SAFETY = 1 / 64  # relative distance kept from what the samples show
-STEP = 2.0**-10
+ABOVE = 1 / 64  # relative distance of c from what the samples show
+BELOW = 1 / 1024  # of d, on which faces of regions stand
+UP, DOWN = 2.0**-10, 2.0**-12  # steps of c, and of d within its power of two
 
 
 def upper_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray, " K"]:
@@ -21,7 +22,7 @@ def upper_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray
     y, phi, integral = _sampled(curve)
     with np.errstate(all="ignore"):
         ratio = np.nanmax((integral @ forms.T) / (y[:, None] * (phi @ forms.T)), axis=0, initial=0.0)
-    c = np.ceil(ratio * (1 + SAFETY) / STEP) * STEP
+    c = np.ceil(ratio * (1 + ABOVE) / UP) * UP
     c = np.where(np.isfinite(c) & (c <= LARGEST), c, np.nan)
     return np.where((forms[:, 1:] == 0).all(axis=1), 0.5, c)
 
@@ -34,7 +35,7 @@ def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray
     ratio = np.where(np.isfinite(ratio), ratio, 0.0)
     size = np.exp2(np.floor(np.log2(np.maximum(ratio, 1e-300))))
     worth = ratio > 1e-2 * np.abs(forms).max(axis=1)
-    return np.where(worth, np.floor(ratio * (1 - SAFETY) / size / STEP) * STEP * size, 0.0)
+    return np.where(worth, np.floor(ratio * (1 - BELOW) / size / DOWN) * DOWN * size, 0.0)
 
 
 def _sampled(curve: Curve, count: int = 800) -> tuple[ndarray, ndarray, ndarray]:

@@ -38,7 +38,7 @@ from persid_check.model import model_of
 
 SLOWEST = 1 / 2048  # share of the linearisation's rate at which a region is sought
 FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
-KEPT = 0.98  # share of the volume that a faster rate has to leave
+KEPT = 0.99  # share of the volume that a faster rate has to leave
 COARSE = 20  # bits of coordinates
 PAIRS: tuple[Pairs, Pairs] = ("states", "degree")
 DENSITIES = 3  # of a point that stand in V where proofs of their integrals are made for strips

@@ -93,9 +93,12 @@ class Lemma:
         return _first_unproved(self, (), _ends(cuts, domain))
 
     def _least_on(self, a: Fraction, b: Fraction) -> Interval | None:
-        """Return a lower bound of q on a piece on one side of the centre, 0 where no better one is known."""
+        """Return a lower bound of the mean of q on a piece on one side of the centre, 0 where no better one is known.
+
+        Within the piece the gap is no less than at one of its ends, or than with this mean up to there.
+        """
         try:
-            least = self._quantity_on(a, b, 1 if a >= self._star[1] else -1)
+            least = self._mean_on(a, b, 1 if a >= self._star[1] else -1)
         except UndefinedError:
             least = None
         if (least is None or not least >= 0) and self.holds_on(a, b):
@@ -144,19 +147,31 @@ class Lemma:
     def _quantity_on(self, a: Fraction, b: Fraction, sign: int):  # type: ignore[no-untyped-def]
         """A lower bound of q on [a, b], which lies on one side of the centre."""
         sign = 1 if self.kind == "one-signed" else sign  # its quantity is g - g(y*) on both sides
-        y = between(a, b)
-        G, D = self._raw(y)
-        direct = self._quantity(y, G, D, sign, self._base, between(*self._star)).lo
+        q, D = self._at(between(a, b), sign)
         if self.kind in SLOPES or self.kind == "upper":
-            return direct
+            return q.lo
         slope = D if sign > 0 else -D
         end = a if slope.lo >= 0 else b if slope.hi <= 0 else (a + b) / 2
-        at = constant(end)
-        G_end, D_end = self._raw(at)
-        near = self._quantity(at, G_end, D_end, sign, self._base, between(*self._star))
+        near, _ = self._at(constant(end), sign)
         if end not in (a, b):
             near = near + slope * between((a - b) / 2, (b - a) / 2)
-        return near.lo if near.lo > direct else direct
+        return near.lo if near.lo > q.lo else q.lo
+
+    def _mean_on(self, a: Fraction, b: Fraction, sign: int):  # type: ignore[no-untyped-def]
+        """A lower bound of the mean of q on [a, b]: an offset's by its middle, too, where q has one sign there."""
+        least = self._quantity_on(a, b, sign)
+        if self.kind != "offset":
+            return least
+        q, D = self._at(between(a, b), sign)
+        middle, _ = self._at(constant((a + b) / 2), sign)
+        enclosures = q, middle + D * between((a - b) / 2, (b - a) / 2)
+        mean = (middle + constant((b - a) / 8) * (D - D)).lo
+        return mean if mean > least and any(each.lo >= 0 or each.hi <= 0 for each in enclosures) else least
+
+    def _at(self, y: Interval, sign: int) -> tuple[Interval, Interval]:
+        """Return q and g' on an interval on one side of the centre."""
+        G, D = self._raw(y)
+        return self._quantity(y, G, D, sign, self._base, between(*self._star)), D
 
     def _quantity(self, y: E, G: E, D: E | None, sign: int, base: E | None, star: E) -> E:
         if self.kind in SLOPES and D is not None:
