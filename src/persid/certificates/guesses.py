@@ -153,6 +153,19 @@ def least_on(lemma: Lemma, lo: Array, hi: Array) -> tuple[Array, Array]:
         return np.fmax(direct.lo, near.lo), ROUNDING * size
 
 
+def rise_on(lemma: Lemma, lo: Array, hi: Array) -> Array:
+    """Return about the least rise of what is added up over pieces: an offset's by their middles, too."""
+    least, width = least_on(lemma, lo, hi)[0], hi - lo
+    if lemma.kind == "offset":
+        middle = least_on(lemma, (lo + hi) / 2, (lo + hi) / 2)[0]
+        with np.errstate(all="ignore"):
+            D = _combined(lemma, Spans(lo, hi))[1]
+            mean = middle - (D.hi - D.lo) * width / 8
+            fits = (least >= 0) | (middle + D.size * width / 2 <= 0)
+        least = np.where(fits, np.fmax(mean, least), least)
+    return np.asarray(width * least)
+
+
 def mean_on(lemma: Lemma, lo: Array, hi: Array) -> Bool[ndarray, " K"]:
     """Return on which pieces about the centre the quantity, over the distance from it, seems to be positive."""
     y = Spans(lo, hi)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy import ndarray
 
 from persid._dyadics import is_dyadic
-from persid.certificates.guesses import least_on, mean_on
+from persid.certificates.guesses import least_on, mean_on, rise_on
 from persid_check.enclosure import UndefinedError, between, value
 from persid_check.ledger.lemmas import SLOPES, SUMMED, Cuts, Functions, Lemma, Product, variable
 from persid_check.search.side import kinks
@@ -174,10 +174,10 @@ def _thinned(lemma: Lemma, outward: list[Fraction]) -> list[Fraction]:
 def _rise(lemma: Lemma, t: ndarray) -> ndarray:
     """Return by how much the sum rises at least from each cut to the next, outward, as far as floats tell."""
     lo, hi = np.minimum(t[:-1], t[1:]), np.maximum(t[:-1], t[1:])
-    least = least_on(lemma, lo, hi)[0]
+    rise = rise_on(lemma, lo, hi)
     about = float((lemma.centre or (_ZERO, _ZERO))[0])
     held = ((lo == about) | (hi == about)) & mean_on(lemma, lo, hi)
-    return np.asarray((hi - lo) * np.where(held, np.fmax(least, 0.0), least))
+    return np.asarray(np.where(held, np.fmax(rise, 0.0), rise))
 
 
 def _ordered(cuts: list[Fraction]) -> Cuts:

@@ -164,9 +164,9 @@ class Lemma:
             return least
         q, D = self._at(between(a, b), sign)
         middle, _ = self._at(constant((a + b) / 2), sign)
-        enclosures = q, middle + D * between((a - b) / 2, (b - a) / 2)
+        fallen = middle + D * between((a - b) / 2, (b - a) / 2)
         mean = (middle + constant((b - a) / 8) * (D - D)).lo
-        return mean if mean > least and any(each.lo >= 0 or each.hi <= 0 for each in enclosures) else least
+        return mean if mean > least and (least >= 0 or q.hi <= 0 or fallen.hi <= 0) else least
 
     def _at(self, y: Interval, sign: int) -> tuple[Interval, Interval]:
         """Return q and g' on an interval on one side of the centre."""
