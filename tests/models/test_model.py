@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -176,7 +177,7 @@ def test_ten_thousand_held_samples_are_fast(monkeypatch):
     """A new input at every sample costs seven right sides, one explicit step and its restart, and no other solver."""
     looks, drift = [], integration._Solver.drift
     monkeypatch.setattr(integration._Solver, "drift", lambda solver, x: looks.append(None) or drift(solver, x))
-    monkeypatch.setattr(integration, "LSODA", None)
+    monkeypatch.setattr(scipy.integrate, "LSODA", None)
     t = np.arange(10_000) * 0.01
     u = np.random.default_rng(0).normal(size=(len(t), 1))
     SMALL.simulate([1.0, 3.0], t, u)

@@ -58,6 +58,18 @@ def test_import_is_light() -> None:
     assert int(count) < LIGHT
 
 
+def test_small_models_need_little_of_scipy() -> None:
+    """To certify a model of two states and two functions loads linear algebra, and no solvers, hulls or integrators."""
+    code = (
+        "import sys, persid as ps; model = ps.PersidskiiModel([[-2.0, 0.3], [0.1, -1.5]], [('tanh(x)', None,"
+        "[[-1.0, 0.2], [0.3, -0.8]]), ('sin(x)', None, [[-0.3, 0.1], [0.05, -0.4]])], [[1.0], [0.5]]);"
+        "assert ps.certify(model).is_certified;"
+        "print(*{'scipy.optimize', 'scipy.spatial', 'scipy.integrate', 'scipy.special'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=SOURCE.parent, check=True)
+    assert done.stdout.split() == []
+
+
 def test_command_line_starts_without_the_mathematics() -> None:
     """Help texts appear without loading NumPy."""
     code = "import sys, persid.commands.cli; sys.exit(persid.commands.cli.main(['--help']) or 'numpy' in sys.modules)"

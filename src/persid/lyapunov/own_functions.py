@@ -22,6 +22,7 @@ from numpy import ndarray
 from persid.lyapunov.sectors import (
     POOL_SIZE,
     RELAXATION,
+    ROUNDING,
     Curve,
     Group,
     _directions,
@@ -95,7 +96,7 @@ def lacking(curve: Curve, forms: Float[ndarray, "K d"], own: Float[ndarray, "G d
     facets = _directions(np.array(fine_pool(curve)) * unit)
     while len(rays) and len(listed) < POOL_SIZE:
         cut = facets @ rays.T
-        joining = set(cut.argmin(axis=0)[cut.min(axis=0) < 0].tolist()) - set(listed)
+        joining = set(cut.argmin(axis=0)[cut.min(axis=0) < -ROUNDING].tolist()) - set(listed)
         if not joining:
             break
         listed += sorted(joining)

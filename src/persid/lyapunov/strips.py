@@ -7,6 +7,7 @@ over points of the last level set, which is linear in the unknowns, is made smal
 the old V is 1 and the new one is less on average, the set grows. The widths first grow together, then one by one.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -16,7 +17,6 @@ import numpy as np
 import scipy.linalg as sla
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.special import gamma as gamma_function
 
 from persid._dyadics import rounded
 from persid.lyapunov.barrier import Centre, Region, definite, faces, minimise
@@ -61,7 +61,7 @@ class Sublevel:
             middle = (low + high) / 2
             inside = levels.V(d * middle[:, None]) <= 1
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        ball = np.pi ** (n / 2) / gamma_function(n / 2 + 1) / np.sqrt(np.linalg.det(levels.Pt))
+        ball = np.pi ** (n / 2) / math.gamma(n / 2 + 1) / np.sqrt(np.linalg.det(levels.Pt))
         return cls(candidate, d * low[:, None], float(ball * np.mean(low**n)))
 
 

@@ -113,14 +113,14 @@ def _equations(unknowns: Sequence[Unknown], zero: Sequence[int]) -> list[dict[in
 
 def _largest_support(unknowns: Sequence[Unknown], equations: Sequence[dict[int, Fraction]]) -> Float[ndarray, " J"]:
     """Return a solution of the equations with the most positive multipliers: maximise sum min(y_k, 1)."""
-    from scipy.optimize import linprog
-
     J, signed = len(unknowns), np.array([each.multiplier for each in unknowns])
     everything = np.ones(J)
     if not equations:
         return everything
     if not signed.any():
         return np.zeros(J)
+    from scipy.optimize import linprog
+
     sizes = [max(map(abs, each.values())) for each in equations]
     lines = [(i, k, float(v / sizes[i])) for i, each in enumerate(equations) for k, v in each.items()]
     rows, columns, values = zip(*lines, strict=True)

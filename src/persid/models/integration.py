@@ -11,14 +11,17 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.integrate import LSODA, RK45
 
 from persid.measurements.trajectory import Trajectory
 from persid.models.vector_field import VectorField
+
+if TYPE_CHECKING:
+    from scipy.integrate import LSODA, RK45
 
 STATE_CAP = 1e6  # a state beyond this many times the size of its start has diverged
 HUGE = 1e140  # right sides are cut off here: LSODA squares them, and overflows would end in NaN
@@ -56,11 +59,12 @@ def lsoda_steps(
     rtol: float,
     atol: float,
     band: int | None = None,
-) -> Iterator[LSODA]:
+) -> Iterator["LSODA"]:
     """Yield LSODA's solver after each of its steps over a span of time, in s; right sides are cut off at `HUGE`.
 
     `band`: how far from its diagonal the derivative of the right side has entries; None is everywhere.
     """
+    from scipy.integrate import LSODA
 
     def guarded(s: float, y: ndarray) -> ndarray:
         return np.asarray(np.clip(rate(s, y), -HUGE, HUGE))
@@ -71,14 +75,14 @@ def lsoda_steps(
         yield solver
 
 
-def passed(solver: LSODA, t: Float[ndarray, " N"], k: int) -> Float[ndarray, "k n"]:
+def passed(solver: "LSODA", t: Float[ndarray, " N"], k: int) -> Float[ndarray, "k n"]:
     """Return the states at those of the times t[k:] that the solver's last step has passed."""
     reached = int(np.searchsorted(t, solver.t, side="right"))
     states: ndarray = solver.dense_output()(t[k:reached]).T if reached > k else np.empty((0, len(solver.y)))
     return states
 
 
-def has_left(solver: LSODA | RK45, cap: float) -> bool:
+def has_left(solver: "LSODA | RK45", cap: float) -> bool:
     """Whether a solver's state has left all bounds, NaN included."""
     return not np.abs(solver.y).max() < cap
 
@@ -168,10 +172,12 @@ class _Solver:
             self.stiff = True
         return self.span(x, np.array([start, stop]), partial(constant, force))
 
-    def _restarted(self, x: ndarray, start: float, stop: float, force: ndarray) -> RK45:
+    def _restarted(self, x: ndarray, start: float, stop: float, force: ndarray) -> "RK45":
         """Return the explicit solver at the start of an interval; the step size found before it is kept."""
         self.force = force
         if self.explicit is None:
+            from scipy.integrate import RK45
+
             self.explicit = RK45(
                 lambda _, y: self.drift(y) + self.force, start, x, stop, rtol=self.rtol, atol=self.atol
             )

@@ -1,6 +1,6 @@
 """Questions about a model, and their answers by the attempts that cost least first."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -137,10 +137,9 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
     if asked.claim == "incremental":
         return _between_solutions(asked, setting, log)
     forms = partial(_by_forms, asked, setting, log)
-    ways = _ways(asked, setting, forms, log)
     failure, slower = stopped(Status.TIME), list[Certified]()
     rate = asked.rate if asked.rate and decay.loss(asked.rate, asked.model.dt) < setting.fastest else 0.0
-    for way in ways:
+    for way in _ways(asked, setting, forms, log):
         if log.left() <= 0:
             break
         answer = way()
@@ -154,21 +153,23 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
     return max(slower, key=lambda found: found.best_rate or 0.0) if slower else failure
 
 
-def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> list[Way]:
-    """Return the ways to certify in their order: products of forms are one of them."""
-    ways: list[Way] = [forms] if asked.model.is_discrete else [forms, partial(_by_weights, asked, log)]
+def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> Iterator[Way]:
+    """Yield the ways to certify in their order: products of forms are one of them."""
+    discrete = asked.model.is_discrete
     if asked.outputs is not None or not 1 < asked.model.n <= FACTS_STATES:
-        return ways
+        yield forms
+        if not discrete:
+            yield partial(_by_weights, asked, log)
+        return
     frame = frame_of(setting)
-    if asked.model.is_discrete:
-        ways.append(partial(_by_facts, asked, setting, frame, log))
-    else:
-        ways.insert(0 if has_zero_rows(frame) else 2, partial(_by_facts, asked, setting, frame, log))
-        ways.append(partial(_by_products, asked, setting, frame, log))
+    facts: Way = partial(_by_facts, asked, setting, frame, log)
+    others: list[Way] = [] if discrete else [partial(_by_weights, asked, log)]
+    yield from [facts, forms, *others] if not discrete and has_zero_rows(frame) else [forms, *others, facts]
+    if not discrete:
+        yield partial(_by_products, asked, setting, frame, log)
     sloped = with_slopes(setting, frame)
     if 0 < len(sloped.slopes) <= SLOPED - asked.model.n and setting.fastest > 0:
-        ways.append(partial(_by_facts, asked, setting, sloped, log))
-    return ways
+        yield partial(_by_facts, asked, setting, sloped, log)
 
 
 def _between_solutions(asked: Question, setting: Setting, log: Log) -> Certified | Failure:
