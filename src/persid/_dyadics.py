@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.errors import RoundingError
+
 SLACK = 1 / 64  # relative distance that gamma, p and the level keep from what the rounded multipliers just allow
 
 
@@ -34,15 +36,18 @@ def is_dyadic(number: Fraction) -> bool:
     return number.denominator & (number.denominator - 1) == 0
 
 
-def dyadic(number: float, bits: int | None = None) -> list[int]:
-    """Return [mantissa, exponent] of a float, exactly, or rounded to a number of bits first."""
-    if number == 0:
-        return [0, 0]
-    fraction, exponent = np.frexp(number)
-    digits = 53 if bits is None else bits
-    mantissa, exponent = round(float(np.ldexp(fraction, digits))), int(exponent) - digits
-    zeros = (mantissa & -mantissa).bit_length() - 1
-    return [mantissa >> zeros, exponent + zeros]
+def dyadic(number: float | Fraction, bits: int | None = None) -> list[int]:
+    """Return [mantissa, exponent] of a number, exactly, or of one rounded to a number of bits first.
+
+    Raises:
+        RoundingError: it is no dyadic number.
+    """
+    number = number if bits is None else float(rounded(np.array(float(number)), bits))
+    numerator, denominator = number.as_integer_ratio()
+    if denominator & (denominator - 1):
+        raise RoundingError(f"{number} is no dyadic number")
+    zeros = max((numerator & -numerator).bit_length() - 1, 0)
+    return [numerator >> zeros, zeros + 1 - denominator.bit_length()]
 
 
 def dyadics(numbers: Iterable[float], bits: int | None = None) -> list[list[int]]:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from checker.maker import model as model_object
-from persid.certificates.curves import dyadic, written_cuts
+from persid._dyadics import dyadic
+from persid.certificates.curves import written_cuts
 from persid.certificates.ledger import floats, with_proof
 from persid.certificates.outputs import steepness, with_constants
 from persid.certificates.partitions import cuts_of, cuts_of_continuity

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
-from persid._dyadics import exact
-from persid.certificates.curves import Curve, Curves, Use, dyadic, written_point
+from persid._dyadics import dyadic, exact
+from persid.certificates.curves import Curve, Curves, Use, written_point
 from persid.certificates.ledger import with_proof
 from persid_check.ledger import FORMAT
 from persid_check.model import Model, model_of

@@ -7,6 +7,7 @@ from math import lcm
 
 import numpy as np
 
+from persid._dyadics import dyadic
 from persid._files import Json
 from persid.certificates.partitions import cuts_of, cuts_of_continuity, cuts_of_product
 from persid.errors import RoundingError
@@ -27,17 +28,6 @@ INTEGRABLE = (*SECTOR, "offset")
 Form = tuple[Fraction, ...]
 Row = Mapping[int, Fraction]
 Product = tuple[int, int, Fraction]  # forms k and j of a curve, and the constant of their product
-
-
-def dyadic(number: Fraction) -> list[int]:
-    """Write a dyadic number.
-
-    Raises:
-        RoundingError: it is not dyadic.
-    """
-    if number.denominator & (number.denominator - 1):
-        raise RoundingError(f"{number} is no dyadic number")
-    return [number.numerator, 1 - number.denominator.bit_length()]
 
 
 def written_cuts(cuts: Cuts) -> list[int | list[int]]:

@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._dyadics import SLACK, _floor, dyadics
-from persid._dyadics import dyadic as rounded
-from persid._dyadics import rounded as significant
+from persid._dyadics import SLACK, _floor, dyadic, dyadics, rounded
 from persid._files import Json
 from persid.certificates.certificate import Certificate
 from persid.certificates.curves import (
@@ -22,7 +20,6 @@ from persid.certificates.curves import (
     Curves,
     Use,
     curve_of,
-    dyadic,
     idle_points,
     written_point,
 )  # fmt: skip
@@ -87,8 +84,8 @@ def _content(
     if frame.order < n:
         content["algebraic"] = algebraic
     if frame.basis and not each:  # in the user's coordinates floating point may not find them
-        gamma = rounded(-_floor(-max(proposal.gamma, 1e-30)))
-        p = rounded(_floor(proposal.least)) if proposal.kappa else [0, 0]
+        gamma = dyadic(-_floor(-max(proposal.gamma, 1e-30)))
+        p = dyadic(_floor(proposal.least)) if proposal.kappa else [0, 0]
         return with_proof(content | {"gamma": gamma, "p": p})
     return with_proof(content | _numbers(content, frame.is_regional, each))
 
@@ -125,7 +122,7 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
     scaled = scale[:, None] * side
     own = floats(matrices.M.kept(inputs, inputs) + -matrices.gamma)  # what steps and slopes have of the inputs alone
     stored, largest = _gamma(scaled.T @ np.linalg.solve(scale[:, None] * inner * scale, scaled) - own, each)
-    found = {"gamma": stored, "p": rounded(_floor(_least(Pt, n)))}
+    found = {"gamma": stored, "p": dyadic(_floor(_least(Pt, n)))}
     if not regional:
         return found if ledger.kappa else {"gamma": stored}
     inverse, level = np.linalg.inv(Pt), np.inf
@@ -141,7 +138,7 @@ def _numbers(draft: Json, regional: bool, each: bool) -> Json:
         level = min(level, float(min(-lo, hi)) ** 2 / share)
     level *= 1 - SLACK / 64
     bound = _floor(float(np.sqrt(float(ledger.kappa) * level / largest)))
-    return found | {"level": rounded(level, 40), "input_bound": rounded(bound)}
+    return found | {"level": dyadic(level, 40), "input_bound": dyadic(bound)}
 
 
 def _least(Pt: Float[ndarray, "k k"], n: int) -> float:
@@ -156,10 +153,10 @@ def _gamma(least: Float[ndarray, "m m"], each: bool) -> tuple[object, float]:
     if each and len(least):
         sizes = np.diag(least)
         above = least + np.diag(SLACK * np.maximum(sizes, 1e-18 * sizes.max(initial=0.0) or 1e-18))
-        Gamma = significant((above + above.T) / 2)
+        Gamma = rounded((above + above.T) / 2)
         return {"lower": [dyadics(row[: i + 1]) for i, row in enumerate(Gamma)]}, largest(Gamma)
     gamma = -_floor(-max(float(np.linalg.eigvalsh(least)[-1]), 1e-30)) if len(least) else 1.0
-    return rounded(gamma), gamma
+    return dyadic(gamma), gamma
 
 
 def _value(proposal: Proposal, label: tuple[object, ...]) -> list[int]:

@@ -12,7 +12,6 @@ from persid._files import Json, json_object
 from persid.certificates.bounds import above, largest_eigenvalue
 from persid.certificates.certificate import Certificate
 from persid.certificates.curves import Curves, Use, curve_of, idle_points, written_point
-from persid.certificates.curves import dyadic as exactly
 from persid.certificates.encoding import encode
 from persid.certificates.ledger import draft, with_proof
 from persid.certificates.outputs import described, with_constants
@@ -112,7 +111,7 @@ def _points(
             continue
         k, row, stretched = written(group)
         place, numbers = curves.place(curve_of(stretched), list(uses(part, k, lyapunov)))
-        shares = [[at, exactly(Fraction(mu) * k)] for at, mu in zip(numbers, part.mu.tolist(), strict=True) if mu]
+        shares = [[at, dyadic(Fraction(mu) * k)] for at, mu in zip(numbers, part.mu.tolist(), strict=True) if mu]
         products += [[len(points), numbers[i], numbers[j], dyadic(tau)] for i, j, tau in part.products]
         points.append(written_point(place, row, group.channels, shares))
     return points + idle_points(curves, model, _absent(model, system), at), products
@@ -151,7 +150,7 @@ def _spanning(model: PersidskiiModel, content: Json) -> list[list[int]]:
 
 def _strips(content: Json, at: Place) -> list[object]:
     """Return the sides of the box, but for those that stand as the domain of a point."""
-    sides = [([[i, [1, 0]]], [exactly(lo), exactly(hi)]) for i, (lo, hi) in enumerate(at.box or ())]
+    sides = [([[i, [1, 0]]], [dyadic(lo), dyadic(hi)]) for i, (lo, hi) in enumerate(at.box or ())]
     standing = [(point["row"], content["curves"][point["curve"]]["domain"]) for point in content["points"]]
     return [[row, *ends] for row, ends in sides if (row, ends) not in standing]
 
