@@ -49,16 +49,8 @@ def runs_of_frames(
             f"the column {str(name)!r} is taken as a time, not as a state"
             for name in clocks if name in frames[0].columns
         )  # fmt: skip
-    columns = Columns(
-        states=tuple(wanted),
-        inputs=tuple(acting),
-        time=time,
-        dt=dt,
-        gap=gap,
-        missing=missing,
-        na=tuple(na),
-        run=run,
-        delay=dict(delay or {}),
+    columns = Columns.of(
+        states=wanted, inputs=acting, time=time, dt=dt, gap=gap, missing=missing, na=na, run=run, delay=delay
     )
     data = runs_of_tables(iter(tables), columns)
     return replace(data, notes=(*data.notes, *notes))

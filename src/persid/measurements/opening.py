@@ -69,9 +69,7 @@ def open_recordings(
         >>> ps.PersidskiiIdentifier(["x"], ridge=1e-4).fit(there).model_.states
         ('x1', 'x2')
     """
-    columns = Columns(
-        states=tuple(states), inputs=tuple(inputs), time=time, dt=dt, gap=gap, missing=missing, na=tuple(na), run=run
-    )
+    columns = Columns.of(states=states, inputs=inputs, time=time, dt=dt, gap=gap, missing=missing, na=na, run=run)
     if delay:
         raise DataError(
             "delay= needs the data in memory, since what acts at the beginning of a chunk lies in the chunk before it; "
@@ -228,7 +226,7 @@ def recordings_of(X: object, u: object = None, t: object = None, dt: float | int
     names = (*_names_of(kept[0], "x", ()), *inputs)
     join = dask.delayed(partial(_joined_frame, names=names, timed=t is not None), pure=False)
     chunks = [Chunk(join(*row), Lazy(f"chunk {k + 1}"), 0) for k, row in enumerate(zip(*parts, strict=True))]
-    columns = Columns(states, inputs, None, dt, None, "error")
+    columns = Columns.of(states=states, inputs=inputs, dt=dt)
     return look_through(chunks, columns, make_engine("dask"))
 
 

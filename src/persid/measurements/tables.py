@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import pandas as pd
@@ -11,6 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.errors import DataError
+from persid.measurements.options import ReadingOf
 from persid.measurements.times import (
     STEPS,
     Clock,
@@ -51,6 +52,15 @@ class Columns:
     run: str | None = None
     origin: pd.Timestamp | float | None = None
     delay: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, **asked: Unpack[ReadingOf]) -> "Columns":
+        """Return what the arguments of `persid.read_measurements` ask for."""
+        return cls(
+            states=tuple(asked["states"]), inputs=tuple(asked.get("inputs", ())), time=asked.get("time"),
+            dt=asked.get("dt"), gap=asked.get("gap"), missing=asked.get("missing", "error"),
+            na=tuple(asked.get("na", ())), run=asked.get("run"), delay=dict(asked.get("delay") or {}),
+        )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.missing not in MISSING:

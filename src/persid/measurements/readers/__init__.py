@@ -68,16 +68,8 @@ def read_measurements(
         >>> data[0].t.tolist(), data[0].x[:, 0].tolist()
         ([0.0, 0.02], [1.5, 1.25])
     """
-    columns = Columns(
-        states=tuple(states),
-        inputs=tuple(inputs),
-        time=time,
-        dt=dt,
-        gap=gap,
-        missing=missing,
-        na=tuple(na),
-        run=run,
-        delay=dict(delay or {}),
+    columns = Columns.of(
+        states=states, inputs=inputs, time=time, dt=dt, gap=gap, missing=missing, na=na, run=run, delay=delay
     )
     return Trajectories.of(runs_of_tables((table_of(source, columns) for source in files_of(paths)), columns))
 
