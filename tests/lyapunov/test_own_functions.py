@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from persid.lyapunov.inequality import MANY
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.own_functions import NEAR, depths_in, lacking, own_functions
 from persid.lyapunov.search import FEW_FORMS, search
 from persid.lyapunov.sectors import Curve, groups, pool
 from persid.lyapunov.shifted_model import Setting
-from persid.lyapunov.system import Family
+from persid.lyapunov.system import MANY, Family
 from persid.models.model import PersidskiiModel
 from places import SHARED
 

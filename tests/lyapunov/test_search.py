@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from persid.lyapunov.inequality import MANY
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.search import (
     FEW,
@@ -20,7 +19,7 @@ from persid.lyapunov.search import (
     search,
 )
 from persid.lyapunov.shifted_model import Setting
-from persid.lyapunov.system import Target
+from persid.lyapunov.system import MANY, Target
 from persid.models.model import PersidskiiModel
 from problems import BY_NAME
 

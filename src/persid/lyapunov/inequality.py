@@ -27,10 +27,9 @@ from persid.lyapunov.iterate import Iterate
 from persid.lyapunov.own_functions import depths_in
 from persid.lyapunov.pairs import Problem, pairings
 from persid.lyapunov.sectors import Group
-from persid.lyapunov.system import Family, Scaling, System, Target, scaling
+from persid.lyapunov.system import Family, Scaling, System, Target, is_broad, scaling
 from persid.lyapunov.unknowns import Label, Unknowns, labels
 
-MANY = 20  # groups: of more, without a rate, one hard group among them decides the way to a proof
 Prices = list[tuple[Float[ndarray, "K K"], Float[ndarray, " K"]]]  # of a group's products, and of its densities
 
 
@@ -319,7 +318,7 @@ class Catalogue:
     def _factor(self) -> sparse.csr_array:
         """C, with which C C' is the first dual matrix."""
         forms = [(at, rows) for _, _, rows, at in self._forms]
-        weighted = self.is_flow_known and not self.target.kappa and len(self.families) > MANY
+        weighted = self.is_flow_known and is_broad(self.system, self.target)
         depth = depths_in(self.system, self.families) if weighted else None
         return dual_factor(self.system, self.units, forms, self.width, depth)
 

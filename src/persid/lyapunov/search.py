@@ -21,15 +21,15 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid.lyapunov.inequality import MANY, Assembly, Catalogue
+from persid.lyapunov.inequality import Assembly, Catalogue
 from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
 from persid.lyapunov.sectors import Curve, Group
-from persid.lyapunov.system import Family, System, Target
+from persid.lyapunov.system import Family, System, Target, is_broad
 
 FIRST_FORMS = 4  # forms of a pool that the search begins with
 MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
 JOINING = 4  # products, and half as many densities, that may join a group in one round
-FEW_FORMS, FEW = 3, 1  # of MANY groups, without a rate, each begins so, and FEW join: time grows with their cube
+FEW_FORMS, FEW = 3, 1  # of a broad system each begins so, and FEW join: time grows with their cube
 HEAVY = 0.3  # of the mean share of X: of many groups those with less do not decide the margin, and nothing joins them
 FALL = 0.1  # share to which mu falls in a free round,
 FEW_FALL = 0.3  # and where few join: the nearer mu is to zero, the shorter are the steps after unknowns have joined
@@ -74,7 +74,7 @@ def search(
     started, target = time.perf_counter(), target or Target()
     if target.kappa and len(system.states) < system.n:
         raise ValueError("a rate keeps every state; this system has dropped one, and its forms with it")
-    few = len(system.groups) > MANY and first is None and families is None and not target.kappa
+    few = is_broad(system, target) and first is None and families is None
     begin, joining, share = (FEW_FORMS, FEW, FEW_FALL) if few else (FIRST_FORMS, JOINING, FALL)
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target, first or begin) for group in system.groups)

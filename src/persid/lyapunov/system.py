@@ -14,6 +14,8 @@ from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.sectors import Curve, Group, sizes
 from persid.models.model import PersidskiiModel
 
+MANY = 20  # groups: from more on a system is broad
+
 
 @dataclass(frozen=True, eq=False)
 class System:
@@ -131,6 +133,11 @@ class Target:
     def shape_of(self, system: System) -> Float[ndarray, " n"]:
         """Return the diagonal of the matrix that P is at least p times."""
         return np.ones(system.n) if self.shape is None else self.shape
+
+
+def is_broad(system: System, target: Target) -> bool:
+    """Whether one hard group among many decides the way to a proof, as it does where no rate is asked for."""
+    return len(system.groups) > MANY and not target.kappa
 
 
 @dataclass(frozen=True, eq=False)
