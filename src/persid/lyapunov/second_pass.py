@@ -2,7 +2,7 @@
 
 A search ends with all that has ever joined, in the middle of what is feasible, and hardly an unknown is zero there.
 With a little room in what is asked, many forms are not needed. They are tried without those whose multipliers are the
-smallest, half of all at first; where that fails without half as many, down to one.
+smallest, at first with a few or half of all; where that fails without half as many, down to one.
 """
 
 from collections.abc import Callable, Collection
@@ -16,6 +16,7 @@ from persid.lyapunov.search import Outcome, catalogue
 from persid.lyapunov.sectors import Curve
 from persid.lyapunov.system import Family, Target
 
+FEW = 8  # forms that mostly do for a small model
 RATE = 1 - 1 / 256  # share of kappa that is asked for with fewer forms
 RATIO = 1 + 1 / 128  # times gamma / p: less than half a percent of the gain
 Form = tuple[Curve, int]  # a curve, and the place in its pool: forms of equal curves are proved once
@@ -36,34 +37,35 @@ def with_fewer_forms(
 ) -> Outcome:
     """Return a feasible outcome for a target with some of the forms of another; that one where none can go.
 
-    Forms that are `known`, those of another proof, leave last: they need no new one.
+    Forms that are `known`, those of another proof, stay: they need no new one.
     """
     unknowns = outcome.assembly.unknowns
     whole = catalogue(unknowns.system, unknowns.families, unknowns.symmetric > 0, target)
-    forms = in_use(outcome, known)
-    count = (len(forms) + 1) // 2
+    forms = _spared(outcome, known)
+    count = len(forms) if known else max(len(forms) - FEW, (len(forms) + 1) // 2)
     while count and left() > 0:
-        found = _solved(whole, outcome, forms[count:], left)
+        found = _solved(whole, outcome, {*forms[count:], *known}, left)
         if found is None:
             count //= 2
         else:
-            outcome, forms = found, in_use(found, known)
+            outcome, forms = found, _spared(found, known)
             count = min(count, (len(forms) + 1) // 2)
     return outcome
 
 
-def in_use(outcome: Outcome, known: Collection[Form] = ()) -> list[Form]:
-    """Return the forms of an outcome, `known` ones last, each time those of the smallest multipliers first.
+def _spared(outcome: Outcome, known: Collection[Form]) -> list[Form]:
+    return [form for form in in_use(outcome) if form not in known]
 
-    As unknowns multipliers have no units.
-    """
+
+def in_use(outcome: Outcome) -> list[Form]:
+    """Return the forms of an outcome, those of the smallest multipliers first: as unknowns these have no units."""
     unknowns, weight = outcome.assembly.unknowns, dict[Form, float]()
     for label, y in zip(unknowns.labels, np.abs(outcome.solution.y), strict=True):
         if label[0] in ("mu", "tau"):
             curve = unknowns.system.groups[label[1]].curve
             for k in label[2:]:
                 weight[curve, k] = weight.get((curve, k), 0.0) + float(y)
-    return sorted(weight, key=lambda form: (form in known, weight[form]))
+    return sorted(weight, key=lambda form: weight[form])
 
 
 def _solved(whole: Catalogue, outcome: Outcome, forms: Collection[Form], left: Callable[[], float]) -> Outcome | None:

@@ -124,7 +124,7 @@ def _searched(setting: Setting, system: System, full_P: bool, log: Log) -> Outco
 def shortened(found: Outcome, log: Log, slowest: float = 0.0, known: Collection[Form] = ()) -> Outcome:
     """Return an outcome without the forms that it can spare, its rate at least `slowest`; of large models itself.
 
-    Forms that are `known`, of another proof, leave last.
+    Forms that are `known`, of another proof, stay.
 
     Where V reads a state through functions alone, their growth is needed, which no inequality asks for: all stay.
     """
