@@ -8,7 +8,7 @@ t = -gamma / p with N = I at the inputs, or t = delta^2 with N = C'C. A Lyapunov
 feasible start. Unknowns join as in `search`, where the dual matrix prices them below zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 
@@ -22,6 +22,7 @@ from persid.lyapunov.interior_point import Solution, Status, congruent, maximise
 from persid.lyapunov.iterate import central_iterate, resumed
 from persid.lyapunov.pairs import Problem
 from persid.lyapunov.search import JOINING, Outcome, join
+from persid.lyapunov.sectors import Form
 from persid.lyapunov.system import Family, Multipliers
 from persid.lyapunov.unknowns import Label
 
@@ -49,10 +50,11 @@ def largest(
     numbers: Multipliers,
     t: float,
     left: Callable[[], float],
+    forms: Collection[Form] | None = None,
 ) -> Extreme | None:
     """Return the largest t, from multipliers at which the inequality holds strictly with t; None where it does not.
 
-    `fixed` is the unknown that is fixed, `families` are those of the multipliers.
+    `fixed` is the unknown that is fixed, `families` are those of the multipliers. No others than these `forms` join.
     """
     assembly = whole.assembly(families)
     place = assembly.unknowns.labels.index(fixed)
@@ -61,6 +63,8 @@ def largest(
         state = central_iterate(_towards(assembly, fixed, N), assembly.problem.arrays.put(y / y[place]), t)
     except sla.LinAlgError:
         return None
+    curves = [group.curve for group in whole.system.groups]
+    allowed = [None if forms is None else [k for of, k in forms if of == curve] for curve in curves]
     steps, rounds, idle, reached, best = 0, 0, 0, -np.inf, (assembly, state)
     while rounds < ROUNDS:
         state, taken = maximise(state, close=CLOSE, fall=FALL, left=left)
@@ -72,7 +76,7 @@ def largest(
             break
         reached = max(reached, state.t) if settled else reached
         X = congruent(assembly.problem.C, assembly.problem.arrays.get(state.X))
-        grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING)))
+        grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING), allowed))
         larger = whole.assembly(grown)
         places = larger.unknowns.places_in(assembly.unknowns)
         if settled and (places >= 0).all():

@@ -1,6 +1,6 @@
 """Rates and gains: the best kappa by bisection, then the smallest gain at a chosen share of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -13,7 +13,7 @@ from persid.lyapunov.extremes import largest
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import lyapunov_function
 from persid.lyapunov.search import Outcome, catalogue, search
-from persid.lyapunov.sectors import Curve
+from persid.lyapunov.sectors import Curve, Form
 from persid.lyapunov.system import System, Target
 
 STEPS = 8  # bisections of the rate, and of the gain
@@ -89,10 +89,17 @@ def largest_rate(
     return best
 
 
-def smallest_gain(question: Question, rate: float, start: Outcome, left: Callable[[], float]) -> Outcome | None:
+def smallest_gain(
+    question: Question,
+    rate: float,
+    start: Outcome,
+    left: Callable[[], float],
+    forms: Collection[Form] | None = None,
+) -> Outcome | None:
     """Return an outcome of a rate (kappa, 1/s) whose ratio gamma / p is within 2 % of the smallest, its gain in 1 %.
 
-    The search for any gain at this rate begins with the forms of `start`; without time that is what is returned.
+    The search for any gain at this rate begins with the forms of `start`; without time that is what is returned. No
+    others than these `forms` join.
     """
     any_gain = start if kappa(start) == rate else question.ask(rate, None, start, left)
     if any_gain is None or not question.system.B.shape[1]:  # without inputs no gain
@@ -107,7 +114,7 @@ def smallest_gain(question: Question, rate: float, start: Outcome, left: Callabl
     numbers = replace(any_gain.assembly.unknowns.multipliers(any_gain.solution.y), p=0.5 * p)
     if not np.isfinite(ratio):
         return any_gain
-    found = largest(whole, families, fixed=("p",), N=N, numbers=numbers, t=-4 * ratio, left=left)
+    found = largest(whole, families, fixed=("p",), N=N, numbers=numbers, t=-4 * ratio, left=left, forms=forms)
     if found is None:
         return any_gain
     unknowns = found.outcome.assembly.unknowns

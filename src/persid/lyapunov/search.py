@@ -13,7 +13,7 @@ no certificate.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 
@@ -166,11 +166,13 @@ def _contains(old: Family, new: Family) -> bool:
 
 
 def join(
-    family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K"]], bound: float, most: int = JOINING
-) -> Family:
+    family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K"]], bound: float, most: int = JOINING,
+    allowed: Collection[int] | None = None,
+) -> Family:  # fmt: skip
     """Return a family with the products, at most `most`, and half as many densities that the dual matrix prices lowest.
 
-    A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation, which no choice of units can change.
+    They are of forms that are `allowed`. A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation,
+    which no choice of units can change.
     """
     price, worth = prices
     length = np.sqrt(0.5 * np.diag(price))
@@ -178,6 +180,9 @@ def join(
     price[np.tril_indices(len(price))] = np.inf
     price[tuple(np.array(family.products, int).reshape(-1, 2).T)] = np.inf
     worth[list(family.densities)] = np.inf
+    if allowed is not None:
+        others = np.isin(np.arange(len(worth)), list(allowed), invert=True)
+        price[others], price[:, others], worth[others] = np.inf, np.inf, np.inf
     k, j = np.unravel_index(np.argsort(price, axis=None)[:most], price.shape)
     products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
     densities = [int(k) for k in np.argsort(worth)[: (most + 1) // 2] if worth[k] < 0]

@@ -13,13 +13,12 @@ import numpy as np
 from persid.lyapunov.inequality import Catalogue
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.search import Outcome, catalogue
-from persid.lyapunov.sectors import Curve
+from persid.lyapunov.sectors import Curve, Form
 from persid.lyapunov.system import Family, Target
 
 FEW = 8  # forms that mostly do for a small model
 RATE = 1 - 1 / 256  # share of kappa that is asked for with fewer forms
 RATIO = 1 + 1 / 128  # times gamma / p: less than half a percent of the gain
-Form = tuple[Curve, int]  # a curve, and the place in its pool: forms of equal curves are proved once
 
 
 def loosened(target: Target, slowest: float = 0.0) -> Target:

@@ -83,6 +83,9 @@ class Curve:
         return prove_sector_form(self.exact, tuple(Fraction(float(c)) for c in form), self.domain, self.shift)
 
 
+Form = tuple[Curve, int]  # a curve, and the place in its pool: forms of equal curves are proved once
+
+
 @dataclass(frozen=True, eq=False)
 class Group:
     """Channels with one argument row r: entry 0 of phi is y = r'x, entry 1 + j belongs to `channels[j]`.

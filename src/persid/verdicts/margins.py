@@ -14,7 +14,8 @@ from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.margins import Residuals, complex_radius, largest_margin, resting_bound
 from persid.lyapunov.multipliers import Lyapunov, choose
-from persid.lyapunov.rates import Question, smallest_gain
+from persid.lyapunov.rates import Question, kappa, smallest_gain
+from persid.lyapunov.second_pass import in_use
 from persid.lyapunov.shifted_model import Setting
 from persid.verdicts import failures as words
 from persid.verdicts.failures import Failure, stopped
@@ -89,13 +90,15 @@ def question_of(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Que
 def slowly(setting: Setting, rates: Sequence[float], deviations: tuple[Deviation, ...], log: Log) -> Lyapunov | Failure:
     """Return a Lyapunov function of all plants within deviations, with the first of the rates that is found, and gain.
 
-    A rate of 0 asks for V' < 0 alone.
+    A rate of 0 asks for V' < 0 alone. Near the largest margin hardly a form can go where the gain is the smallest:
+    first those go that the rate can spare, for a little of it, then the gain is made small with the others.
     """
     question = question_of(setting, deviations)
     for rate in rates:
         found = question.ask(rate, None, None, log.left)
         if found is not None:
-            gentle = smallest_gain(question, rate, found, log.left) if rate else None
-            best = shortened(gentle or found, log, known=setting.places(log.used))
+            known = setting.places(log.used)
+            few = shortened(found, log, known=known)
+            best = (smallest_gain(question, kappa(few), few, log.left, {*known, *in_use(few)}) if rate else None) or few
             return choose(best.assembly, best.solution.y, setting.lower)
     return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)

@@ -17,7 +17,8 @@ from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
 from persid.lyapunov.rates import Question, best_rate, kappa, smallest_gain
 from persid.lyapunov.search import MORE_FORMS, Outcome, search
-from persid.lyapunov.second_pass import Form, in_use, loosened, with_fewer_forms
+from persid.lyapunov.second_pass import in_use, loosened, with_fewer_forms
+from persid.lyapunov.sectors import Form
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import System
 from persid.models.outputs import OutputModel
