@@ -2,7 +2,7 @@
 
 A search ends with all that has ever joined, in the middle of what is feasible, and hardly an unknown is zero there.
 With a little room in what is asked, many forms are not needed. They are tried without those whose multipliers are the
-smallest, at first with a few or half of all; where that fails without half as many, down to one.
+smallest, half of all at first; where that fails without half as many, down to one.
 """
 
 from collections.abc import Callable, Collection
@@ -16,7 +16,6 @@ from persid.lyapunov.search import Outcome, catalogue
 from persid.lyapunov.sectors import Curve, Form
 from persid.lyapunov.system import Family, Target
 
-FEW = 8  # forms that mostly do for a small model
 RATE = 1 - 1 / 256  # share of kappa that is asked for with fewer forms
 RATIO = 1 + 1 / 128  # times gamma / p: less than half a percent of the gain
 
@@ -41,7 +40,7 @@ def with_fewer_forms(
     unknowns = outcome.assembly.unknowns
     whole = catalogue(unknowns.system, unknowns.families, unknowns.symmetric > 0, target)
     forms = _spared(outcome, known)
-    count = len(forms) if known else max(len(forms) - FEW, (len(forms) + 1) // 2)
+    count = len(forms) if known else (len(forms) + 1) // 2
     while count and left() > 0:
         found = _solved(whole, outcome, {*forms[count:], *known}, left)
         if found is None:
