@@ -195,7 +195,7 @@ PUBLISHED: tuple[Published, ...] = (
     Slope("Rabinovich's waves, dampings 4, 1, 1", flows.rabinovich, 1.97, None, 2.0,
           "Pikovskii, Rabinovich & Trakhtengerts, Sov. Phys. JETP 47 (1978)", unit="largest h", before=0.0),
     # regions
-    Region("x' = -x + x^3", ps.PersidskiiModel([[-1.0]], [("x**3", None, [[1.0]])], [[1.0]]), 1.99, 2.0, 2.0, KHALIL,
+    Region("x' = -x + x^3", ps.PersidskiiModel([[-1.0]], [("x**3", None, [[1.0]])], [[1.0]]), 1.998, 2.0, 2.0, KHALIL,
            unit="length"),
     Region("van der Pol reversed, mu = 1", _reversed_oscillator(1.0), 9.65, None, 13.722, KHALIL, before=9.06),
     Region("van der Pol reversed, mu = 3", _reversed_oscillator(3.0), 12.1, None, 20.491, KHALIL, before=9.22),

@@ -33,8 +33,9 @@ RADII = 60  # bisections of the distance to it
 SWEEPS = 4  # times that the mean of V is made small for given widths
 GROWTH = 1.5  # of all widths together
 PATIENCE = 3  # times that wider strips may give a smaller region
-FACTORS = (1.4, 1.1, 1.02, 1.005)  # by which single widths change
-GAIN = 1.002  # of the volume that is worth another width
+FACTORS = (1.4, 1.1, 1.02, 1.005, 1.001)  # by which single widths change
+GAIN = 1.002  # of the volume that is worth another width, or another sweep
+SHARE = 0.2  # of a small factor, in powers, by which the volume has to grow
 CLOSE = 0.003  # of the mean of V: how near to the smallest one it comes, and so what room is left inside
 PARALLEL = 1 - 1e-9  # the cosine between rows of one direction
 NARROW = 0.05  # first widths, in units of the functions
@@ -192,15 +193,15 @@ class Search:
         """Whether another width of strips of one direction makes the region larger."""
         for by in (factor, 1 / factor):
             widths = tuple(h * by if k in strips else h for k, h in enumerate(self.widths))
-            if self.best is not None and self.left() > 0 and self.tries(widths):
+            if self.best is not None and self.left() > 0 and self.tries(widths, min(GAIN, factor**SHARE)):
                 return True
         return False
 
-    def tries(self, widths: Widths) -> bool:
+    def tries(self, widths: Widths, gain: float = GAIN) -> bool:
         """Whether these widths give a region that is larger than the best so far, which it then is."""
         short = tuple(float(h) for h in rounded(np.array(widths), 12))
         found = self.region(short)
-        better = found is not None and (self.best is None or found.volume > GAIN * self.best.volume)
+        better = found is not None and (self.best is None or found.volume > gain * self.best.volume)
         if better:
             self.best, self.widths = found, short
         return better
