@@ -149,6 +149,13 @@ def test_an_unbounded_strip_needs_no_box() -> None:
     assert "x2 - x2*" not in check(data(known_ledgers.load("region"))).statement
 
 
+def test_a_strip_that_reads_no_state_is_not_printed() -> None:
+    """Every x is in the strip of a row of zeros, so the sentence is the same without it."""
+    content = known_ledgers.load("region")
+    more = content | {"strips": [[[], [-1, 0], [1, 0]]]}
+    assert check(data(more)) == check(data(content))
+
+
 def test_another_model_is_noticed() -> None:
     """A ledger is rejected when it is asked about another model."""
     plain = json.dumps(known_ledgers.load("spring")["model"]).encode()

@@ -160,13 +160,10 @@ def _region(ledger: Ledger, bound: str) -> str:
     """The set that is not left; with algebraic variables first which solution of the equations is meant."""
     own, others = ([side for side in ledger.sides if ledger.is_of_states(side[0]) == of] for of in (True, False))
     size = f"|u - u*| <= {decimal(ledger.input_bound, up=False)}"
-    start, level = _clock(ledger).start, f"V(x) <= {_one(ledger.level)}"
+    start = _clock(ledger).start
+    within = " and ".join(filter(None, (_sides(ledger, own), f"V(x) <= {_one(ledger.level)}")))
     if not ledger.model.algebraic:
-        return (
-            f"The set of x with {_sides(ledger, own) or 'no strip'} and {level} is invariant for inputs with {size},"
-            f" and from every {start} in it {bound}."
-        )
-    within = f"{_sides(ledger, own)} and {level}" if own else level
+        return f"The set of x with {within} is invariant for inputs with {size}, and from every {start} in it {bound}."
     where = f" with {_sides(ledger, others)}" if others else ""
     return (
         f"For every x with {within} and every u with {size} they have exactly one solution{where}, which depends on x"
@@ -176,7 +173,8 @@ def _region(ledger: Ledger, bound: str) -> str:
 
 
 def _sides(ledger: Ledger, found: Sequence[tuple[Row, Fraction, Fraction]]) -> str:
-    return _several([_strip(ledger, *strip) for strip in found], " and ", "strips")
+    """Strips in words, without those of a row of zeros: every x is in them."""
+    return _several([_strip(ledger, row, lo, hi) for row, lo, hi in found if row], " and ", "strips")
 
 
 def _several(parts: Sequence[str], between: str, what: str) -> str:
