@@ -21,7 +21,7 @@ from persid.lyapunov.inequality import Assembly, Catalogue
 from persid.lyapunov.interior_point import Solution, Status, congruent, maximise
 from persid.lyapunov.iterate import central_iterate, resumed
 from persid.lyapunov.pairs import Problem
-from persid.lyapunov.search import JOINING, Outcome, join
+from persid.lyapunov.search import JOINING, Outcome, contains, join
 from persid.lyapunov.sectors import Form
 from persid.lyapunov.system import Family, Multipliers
 from persid.lyapunov.unknowns import Label
@@ -77,10 +77,12 @@ def largest(
         reached = max(reached, state.t) if settled else reached
         X = congruent(assembly.problem.C, assembly.problem.arrays.get(state.X))
         grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING), allowed))
+        if all(map(contains, assembly.unknowns.families, grown)):
+            if settled:
+                break
+            continue
         larger = whole.assembly(grown)
         places = larger.unknowns.places_in(assembly.unknowns)
-        if settled and (places >= 0).all():
-            break
         try:
             state = resumed(_towards(larger, fixed, N), state, places)
             if settled:  # near the boundary steps are short: some way back, and central again

@@ -66,7 +66,7 @@ class Terms:
         if len(self.p) == len(self.cost):
             return None
         shape = (len(self.p), len(self.cost))
-        return sparse.csr_array((self.weight, (np.arange(len(self.p)), self.owner)), shape=shape)
+        return sparse.csr_array((self.weight, self.owner, np.arange(len(self.p) + 1)), shape=shape)
 
 
 def assemble(

@@ -75,7 +75,10 @@ class Problem:
         """The weights of pairs in unknowns, the transposed matrix, and that of their sizes."""
         assert self.tie is not None, "asked for only where unknowns are sums of pairs"
         tie, of = self.tie, self.arrays.sparse
-        return of(tie), of(sparse.csr_array(tie.T)), of(sparse.csr_array(abs(tie).T))
+        weights = of(tie)
+        if isinstance(weights, ndarray):
+            return weights, weights.T, abs(weights).T
+        return weights, of(sparse.csr_array(tie.T)), of(sparse.csr_array(abs(tie).T))
 
     @cached_property
     def costs(self) -> Array:

@@ -95,7 +95,7 @@ def search(
         grown = tuple(map(join, assembly.unknowns.families, prices, repeat(m), repeat(joining)))
         if few and fence is None:
             grown = _where_it_counts(assembly.unknowns.families, grown, whole.shares(solution.last))
-        settled = all(_contains(old, new) for old, new in zip(assembly.unknowns.families, grown, strict=True))
+        settled = all(contains(old, new) for old, new in zip(assembly.unknowns.families, grown, strict=True))
         if settled and solution.status is Status.INFEASIBLE:
             break
         before, assembly = assembly, assembly if settled else whole.assembly(grown)
@@ -157,10 +157,10 @@ def _where_it_counts(
     """Return families grown where X has its weight; grown everywhere if nothing joins there."""
     heavy = shares >= HEAVY * shares.mean()
     found = tuple(new if counts else old for old, new, counts in zip(families, grown, heavy, strict=True))
-    return tuple(grown) if all(map(_contains, families, found)) else found
+    return tuple(grown) if all(map(contains, families, found)) else found
 
 
-def _contains(old: Family, new: Family) -> bool:
+def contains(old: Family, new: Family) -> bool:
     """Whether nothing has joined a family."""
     return set(new.products) <= set(old.products) and set(new.densities) <= set(old.densities)
 
