@@ -64,6 +64,10 @@ class Arrays(Protocol):
         """Return the smallest eigenvalue of a small M."""
         ...
 
+    def inner(self, a: Array, b: Array) -> float:
+        """Return the sum of all products of entries."""
+        ...
+
     def solver(self, M: Array) -> Callable[[Array], Array]:
         """Return v -> M^-1 v for vectors or columns; only the lower triangle of M is read, and M is overwritten."""
         ...
@@ -102,6 +106,9 @@ class Host:
         if failed:
             raise sla.LinAlgError("no eigenvalues")
         return float(values[0])
+
+    def inner(self, a: np.ndarray, b: np.ndarray) -> float:
+        return float(np.dot(a.ravel(), b.ravel()))
 
     def solver(self, M: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         factor, failed = sla.lapack.dpotrf(M.T, lower=0, clean=0, overwrite_a=1)  # M' is in LAPACK's order
@@ -143,6 +150,9 @@ class Standard:
 
     def smallest(self, M: Array) -> float:
         return float(self.xp.linalg.eigvalsh(M)[0])
+
+    def inner(self, a: Array, b: Array) -> float:
+        return float(self.xp.vecdot(self.xp.reshape(a, (-1,)), self.xp.reshape(b, (-1,))))
 
     def solver(self, M: Array) -> Callable[[Array], Array]:
         half = self.half(self.xp.tril(M) + self.xp.tril(M, k=-1).T)

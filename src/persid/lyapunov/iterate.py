@@ -51,8 +51,8 @@ class Iterate:
     @cached_property
     def gap(self) -> float:
         """Total complementarity: m - t where the equalities are met."""
-        xp = self.problem.arrays.xp
-        return _inner(xp, self.X, self.Z) + _inner(xp, self.U, self.P) + _inner(xp, self.x, self.s)
+        inner = self.problem.arrays.inner
+        return inner(self.X, self.Z) + inner(self.U, self.P) + inner(self.x, self.s)
 
     @property
     def mu(self) -> float:
@@ -126,7 +126,8 @@ def central_iterate(problem: Problem, y: Float[Array, " J"], t: float) -> Iterat
     V, P = _inverse(_half(problem.arrays, _less(problem, -combine(problem, y), t))), problem.triangle.matrix(y[:free])
     mu = 1 / _measure(problem, V)
     X, x = mu * V, mu / y[free:]
-    m = _inner(problem.arrays.xp, c[free:], x - pairings(problem, X)[free:]) / _inner(problem.arrays.xp, c, c)
+    inner = problem.arrays.inner
+    m = inner(c[free:], x - pairings(problem, X)[free:]) / inner(c, c)
     return Iterate(problem=problem, y=y, t=t, m=m, X=X, U=mu * _inverse(_half(problem.arrays, P)), x=x)
 
 
@@ -144,7 +145,7 @@ def resumed(problem: Problem, old: Iterate, places: Int[ndarray, " J"]) -> Itera
     y = xp.where(known, xp.take(old.y, at), b * joining)
     before = of.put(np.maximum(places[free:] - free, 0))
     x = xp.where(known[free:], xp.take(old.x, before), new_x[free:])
-    total = _inner(xp, problem.costs, y)
+    total = of.inner(problem.costs, y)
     return Iterate(problem=problem, y=y / total, t=old.t / total, m=old.m, X=old.X, U=old.U, x=x)
 
 
@@ -169,12 +170,7 @@ def _less(problem: Problem, M: Array, t: float) -> Array:
 def _measure(problem: Problem, M: Array) -> float:
     """Return <N, M>."""
     xp = problem.arrays.xp
-    return float(xp.linalg.trace(M)) if problem.along is None else _inner(xp, problem.along, M)
-
-
-def _inner(xp: ModuleType, a: Array, b: Array) -> float:
-    """Return the sum of all products of entries."""
-    return float(xp.vecdot(xp.reshape(a, (-1,)), xp.reshape(b, (-1,))))
+    return float(xp.linalg.trace(M)) if problem.along is None else problem.arrays.inner(problem.along, M)
 
 
 def _largest(xp: ModuleType, v: Array) -> float:
@@ -213,15 +209,15 @@ def step(state: Iterate, limit: Callable[[Array, float], float] | None = None) -
 
     `limit` says which share of the step of the dual matrix to X and m may be taken.
     """
-    xp, free = state.problem.arrays.xp, state.problem.free
+    inner, free = state.problem.arrays.inner, state.problem.free
     try:
         direction = _newton(state)
         predicted = direction(0.0, None)
         a, b = _steps(state, predicted, rough=True)
         gap = (
-            _inner(xp, state.X + a * predicted.X, state.Z + b * predicted.Z)
-            + _inner(xp, state.U + a * predicted.U, state.P + b * predicted.P)
-            + _inner(xp, state.x + a * predicted.x, state.s + b * predicted.y[free:])
+            inner(state.X + a * predicted.X, state.Z + b * predicted.Z)
+            + inner(state.U + a * predicted.U, state.P + b * predicted.P)
+            + inner(state.x + a * predicted.x, state.s + b * predicted.y[free:])
         )
         sigma = min(1.0, max(gap / state.size / state.mu, 1e-6) ** 2)
         corrected = direction(sigma * state.mu, predicted)
@@ -271,7 +267,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
     solved = back(xp.stack([g, c], axis=1))
     Mg, Mc = solved[:, 0], solved[:, 1]
     trace = _measure(problem, XZ)
-    border = np.array([[_inner(xp, c, Mg), _inner(xp, c, Mc)], [trace - _inner(xp, g, Mg), -_inner(xp, g, Mc)]])
+    border = np.array([[of.inner(c, Mg), of.inner(c, Mc)], [trace - of.inner(g, Mg), -of.inner(g, Mc)]])
     trace_defect = _measure(problem, state.X) - 1
 
     def direction(target: float, second: _Direction | None) -> _Direction:
@@ -284,7 +280,7 @@ def _newton(state: Iterate) -> Callable[[float, _Direction | None], _Direction]:
         r[:free] += problem.triangle.pairings(CU)
         r[free:] += cx
         Mr = back(r[:, None])[:, 0]
-        dt, dm = np.linalg.solve(border, [_inner(xp, c, Mr), -_measure(problem, C) - trace_defect - _inner(xp, g, Mr)])
+        dt, dm = np.linalg.solve(border, [of.inner(c, Mr), -_measure(problem, C) - trace_defect - of.inner(g, Mr)])
         dt, dm = float(dt), float(dm)
         dy = Mr - Mg * dt - Mc * dm
         dZ, dP = _less(problem, -combine(problem, dy), dt), problem.triangle.matrix(dy[:free])
@@ -356,7 +352,7 @@ def _lanczos_smallest(
     Q[0, :] = of.put(v / np.linalg.norm(v))
     for k in range(steps):
         w, known = product(Q[k, :]), Q[: k + 1, :]
-        alphas[k] = _inner(xp, w, Q[k, :])
+        alphas[k] = of.inner(w, Q[k, :])
         w = w - known.T @ (known @ w)
         w = w - known.T @ (known @ w)
         betas[k] = float(xp.linalg.vector_norm(w))
