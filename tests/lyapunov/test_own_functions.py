@@ -9,7 +9,7 @@ import pytest
 from numpy import ndarray
 
 from persid.lyapunov.interior_point import Status
-from persid.lyapunov.own_functions import NEAR, depths_in, lacking, own_functions
+from persid.lyapunov.own_functions import NEAR, depths_in, lacking, own_function, own_functions
 from persid.lyapunov.search import FEW_FORMS, search
 from persid.lyapunov.sectors import Curve, groups, pool
 from persid.lyapunov.shifted_model import Setting
@@ -122,3 +122,15 @@ def test_steps_do_not_grow_with_the_states(n: int) -> None:
     assert found.status is Status.FEASIBLE
     assert found.steps <= 25
     assert len(found.assembly.problem.cost) <= 14 * n
+
+
+def test_own_functions_read_what_their_row_reads() -> None:
+    """Of a large model an own function costs what its row reads: other coefficients are not looked at."""
+    model = network(3, CANCELLING, 0.5)
+    (group, *_) = groups(model.channels)
+    reads = np.flatnonzero(group.row)
+    states, columns = (np.full(M.shape, np.nan) for M in (model.channels.A0, model.channels.columns))
+    states[np.ix_(reads, reads)] = model.channels.A0[np.ix_(reads, reads)]
+    columns[reads] = model.channels.columns[reads]
+    own = own_function(group, states, columns[:, list(group.channels)])
+    assert np.allclose(own, CANCELLING)

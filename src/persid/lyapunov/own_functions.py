@@ -41,9 +41,10 @@ NEAR = 4 * RELAXATION  # of its length: an own function no deeper than that is l
 
 def own_function(group: Group, states: Float[ndarray, "n n"], columns: Float[ndarray, "n e"]) -> Float[ndarray, " d"]:
     """Return c of a group in x' = states x + columns f, f its functions; of what states give y' the part along r."""
-    r = group.row
-    along = r @ states @ r / (r @ r) if r.any() else 0.0
-    return -np.concatenate([[along], r @ columns])
+    reads = np.flatnonzero(group.row)
+    r = group.row[reads]
+    along = r @ states[np.ix_(reads, reads)] @ r / (r @ r) if len(r) else 0.0
+    return -np.concatenate([[along], r @ columns[reads]])
 
 
 def own_functions(model: PersidskiiModel, found: Sequence[Group]) -> dict[Curve, Float[ndarray, "G d"]]:
