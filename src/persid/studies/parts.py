@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
-from typing import NoReturn, TypeVar
+from typing import NoReturn, TypeVar, cast
 
 from tqdm import tqdm
 
@@ -94,11 +94,9 @@ class Parts:
             files.append(f"{PROOFS}/{_file_name(name)}.json")
             proof.save(self.folder / files[1])
         why = verdict.reason.name if isinstance(verdict, Undecided) else getattr(proof, "kind", None)
-        brief = summarize(verdict)
-        return {
-            "verdict": brief.verdict, "scope": brief.scope, "reason": brief.reason, "why": why,
-            "rate": brief.rate, "gain": brief.gain, "seconds": brief.seconds, "files": files,
-        }  # fmt: skip
+        brief = summarize(verdict).to_dict()
+        kept = {field: brief[field] for field in VerdictCell.__annotations__ if field in brief}
+        return cast("VerdictCell", {**kept, "why": why, "files": files})
 
     def _key(self, name: str, parameters: Mapping[str, object]) -> str:
         content = {"name": name, "parameters": parameters, **self.origin}

@@ -34,13 +34,13 @@ class Summary:
     """
 
     verdict: str
-    claim: str | None
-    scope: str | None
-    operating_point: list[float] | None
-    reason: str | None
-    rate: float | None
-    gain: float | None
-    seconds: float
+    claim: str | None = None
+    scope: str | None = None
+    operating_point: list[float] | None = None
+    reason: str | None = None
+    rate: float | None = None
+    gain: float | None = None
+    seconds: float = 0.0
     evidence: Json | None = None
     output_gains: dict[str, float] | None = None
     best_rate: float | None = None
@@ -62,42 +62,29 @@ def summarize(verdict: Verdict) -> Summary:
     name = type(verdict).__name__.lower()
     seconds = round(math.fsum(attempt.seconds for attempt in verdict.attempts), 3)
     if isinstance(verdict, Certified):
-        certificate = verdict.certificate
-        large = certificate.model.n > LISTED_STATES
-        point = None if large else [float(x) for x in certificate.operating_point]
-        rate, gain = certificate.rate, certificate.gain
-        named = loops = None
-        if isinstance(certificate, Certificate) and certificate.output_gains is not None:
-            named = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
-            loops = _feedback(certificate)
-        claim, scope = certificate.claim, certificate.scope
-        margin = None if verdict.margin is None else margin_facts(verdict.margin)
-        return Summary(
-            verdict=name,
-            claim=claim,
-            scope=scope,
-            operating_point=point,
-            reason=None,
-            rate=rate,
-            gain=gain,
-            seconds=seconds,
-            evidence=None,
-            output_gains=named,
-            best_rate=verdict.best_rate,
-            residual_margin=margin,
-            feedback_margins=loops,
-        )
+        return _certified(name, verdict, seconds)
     evidence = verdict.evidence.to_dict() if isinstance(verdict, Undecided) and verdict.evidence else None
+    return Summary(name, reason=str(verdict).partition(": ")[2], seconds=seconds, evidence=evidence)
+
+
+def _certified(name: str, verdict: Certified, seconds: float) -> Summary:
+    certificate, gains, loops = verdict.certificate, None, None
+    if isinstance(certificate, Certificate) and certificate.output_gains is not None:
+        gains = dict(zip(certificate.outputs, certificate.output_gains.tolist(), strict=True))
+        loops = _feedback(certificate)
+    large = certificate.model.n > LISTED_STATES
     return Summary(
         verdict=name,
-        claim=None,
-        scope=None,
-        operating_point=None,
-        reason=str(verdict).partition(": ")[2],
-        rate=None,
-        gain=None,
+        claim=certificate.claim,
+        scope=certificate.scope,
+        operating_point=None if large else [float(x) for x in certificate.operating_point],
+        rate=certificate.rate,
+        gain=certificate.gain,
         seconds=seconds,
-        evidence=evidence,
+        output_gains=gains,
+        best_rate=verdict.best_rate,
+        residual_margin=None if verdict.margin is None else margin_facts(verdict.margin),
+        feedback_margins=loops,
     )
 
 
