@@ -69,7 +69,7 @@ def bus(seed: int) -> ps.DescriptorModel:
     return ps.DescriptorModel([[0.0, 0.0]] * 2, [lines], [[0.0], [-1.0]], b=[p, 0.0], algebraic=["w"])
 
 
-def equilibrium_network(n: int, q: int, seed: int) -> ps.DescriptorModel:
+def equilibrium_network(n: int, q: int, seed: int, f: str = "tanh(x)") -> ps.DescriptorModel:
     """x' = A x + B1 f(w), 0 = -w + C x + D f(w): contracting with P and multipliers 1."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(n + q, n + q))
@@ -81,7 +81,7 @@ def equilibrium_network(n: int, q: int, seed: int) -> ps.DescriptorModel:
     A0 = np.block([[A, np.zeros((n, q))], [C, -np.eye(q)]])
     return ps.DescriptorModel(
         A0,
-        [("tanh(x)", np.eye(q, n + q, n), np.vstack([B1, D]))],
+        [(f, np.eye(q, n + q, n), np.vstack([B1, D]))],
         np.eye(n + q, 1),
         algebraic=[f"w{k}" for k in range(q)],
     )

@@ -9,6 +9,7 @@ import flows
 import persid as ps
 from checker.sampled import faults
 from checker.test_identities import identity_is_zero
+from further_problems import polynomial
 from persid.lyapunov.identities import with_identities
 from persid.lyapunov.shifted_model import Setting
 from persid.verdicts.facts import frame_of
@@ -83,6 +84,36 @@ def test_random_truncations_that_grow_are_never_certified(n: int) -> None:
     rng = np.random.default_rng(n)
     for growth in (0.5, 1e-3, 1e-9):
         assert not ps.certify(flows.drawn(rng, n, growth), time_limit=10).is_certified
+
+
+def turned(rng: np.random.Generator, growth: float) -> ps.PersidskiiModel:
+    """A random model x' = growth x - g y - d x^3, y' = -y + g x - e y^3: g of degree 2 turns, and d, e > 0 damp."""
+    (a, b, c), (d, e) = rng.integers(-8, 9, 3) / 4, rng.integers(1, 5, 2) / 2
+    cubes = {(0, (0, 0, 0)): -d, (0, (0, 0, 1)): -a, (0, (0, 1, 1)): -b, (0, (1, 1, 1)): -c,
+             (1, (0, 0, 0)): a, (1, (0, 0, 1)): b, (1, (0, 1, 1)): c, (1, (1, 1, 1)): -e}  # fmt: skip
+    return polynomial([[growth, 0], [0, -1]], {at: float(v) for at, v in cubes.items()})
+
+
+def test_cubes_that_turn_and_damp_are_certified() -> None:
+    """Six cubes of which four are apart have no margin each; what is known of their products gives one."""
+    for seed in range(4):
+        verdict = _certified(turned(np.random.default_rng(seed), -0.5))
+        assert 0.4 < verdict.best_rate <= 0.5
+
+
+def test_cubes_that_turn_are_not_certified_where_a_state_is_not_damped() -> None:
+    """One direction of growth, or of none but by a cube, and no rate is certified."""
+    for growth in (0.5, 1e-3, 1e-9, 0.0):
+        assert not ps.certify(turned(np.random.default_rng(5), growth), time_limit=10).is_certified
+
+
+def test_a_round_cycle_has_a_ball_that_holds_it() -> None:
+    """x' = x - y - x r^2, y' = x + y - y r^2 comes to r = 1, and a ball not much larger is proved."""
+    cubes = {(0, (0, 0, 0)): -1.0, (0, (0, 1, 1)): -1.0, (1, (0, 0, 1)): -1.0, (1, (1, 1, 1)): -1.0}
+    verdict = ps.certify(polynomial([[1, -1], [1, 1]], cubes), claim="practical")
+    assert isinstance(verdict, ps.Certified)
+    assert 1 <= verdict.certificate.spread <= 1.7
+    assert faults(verdict.certificate.content, samples=500) == []
 
 
 def test_products_that_do_not_cancel_are_not_certified() -> None:

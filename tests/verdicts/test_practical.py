@@ -61,6 +61,14 @@ def test_the_strongest_that_holds_is_told() -> None:
     assert ps.certify(model, claim="practical").certificate.claim == "rate-and-gain"
 
 
+def test_a_ball_that_is_not_found_is_among_the_attempts() -> None:
+    """Where no ball is found the verdict is that of the stronger question, and tells that a ball was sought."""
+    oscillator = ps.PersidskiiModel([[1, -1], [1, 0]], [("x**3", [[1, 0]], [[-1 / 3], [0]])], [[0], [1.0]])
+    verdict = ps.certify(oscillator, claim="practical", time_limit=5)
+    assert isinstance(verdict, ps.Refuted)
+    assert "a ball" in verdict.attempts[-1].what
+
+
 @pytest.mark.parametrize("slope", [0.5, 0.0])
 def test_what_escapes_has_no_ball(slope: float) -> None:
     """Bounded functions hold neither an unstable linear part nor, for inputs, an integrator."""

@@ -40,7 +40,7 @@ SLOWEST = 1 / 2048  # share of the linearisation's rate at which a region is sou
 FASTER = (1 / 8, 1 / 32, 1 / 128, 1 / 512)  # shares that are tried afterwards
 KEPT = 0.99  # share of the volume that a faster rate has to leave
 COARSE = 20  # bits of coordinates
-PAIRS: tuple[Pairs, Pairs] = ("states", "degree")
+PAIRS: tuple[Pairs, ...] = ("states", "degree", "all")
 DENSITIES = 3  # of a point that stand in V where proofs of their integrals are made for strips
 SEARCHING = 0.7  # share of the time for the widths of strips
 
@@ -61,9 +61,14 @@ def with_slopes(setting: Setting, frame: Frame) -> Frame:
 
 
 def with_products(setting: Setting, frame: Frame) -> list[Frame]:
-    """Return the frame with identities of polynomials: of a state and a function, then of two functions, too."""
-    first, more = (with_identities(frame, setting.point, pairs) for pairs in PAIRS)
-    return [each for each in (first, more) if each.identities][: 1 + (len(more.identities) > len(first.identities))]
+    """Return the frame with identities of polynomials, few of them first: of a state and a function, then of two.
+
+    Those of the largest degree serve functions that have forms, such as cubes of many rows, of which few are apart.
+    """
+    formed = any(any(form.form[1:]) for point in frame.points for form in point.forms)
+    found = [with_identities(frame, setting.point, pairs) for pairs in (PAIRS if formed else PAIRS[:-1])]
+    known = [0, *(len(each.identities) for each in found)]
+    return [each for each, fewer in zip(found, known, strict=False) if len(each.identities) > fewer]
 
 
 def on_strips(setting: Setting, frame: Frame) -> list[Frame]:

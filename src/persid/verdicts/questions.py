@@ -266,7 +266,9 @@ def _practical(asked: Question, verdict: Refuted | Failure | None, log: Log) -> 
     with log.attempt("a ball about x_ref that every run comes into") as outcome:
         answer = practically(asked.model, asked.each, log)
         outcome.append(_word(answer))
-    return Certified(answer, tuple(log.attempts)) if isinstance(answer, Certificate) else verdict
+    if isinstance(answer, Certificate):
+        return Certified(answer, tuple(log.attempts))
+    return replace(verdict, attempts=tuple(log.attempts)) if isinstance(verdict, Refuted) else verdict
 
 
 def _by_weights(asked: Question, log: Log) -> NetworkCertificate | Failure:
