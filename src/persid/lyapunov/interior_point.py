@@ -139,31 +139,40 @@ def solve(
     try:
         for count in range(iterations):
             log.append(f"{count:3d}  t = {state.t: .3e}  m = {state.m: .3e}  mu = {state.mu:.1e}")
-            if state.m < min(quality * state.t, -NOISE * first) and state.is_dual_feasible:
-                status = Status.INFEASIBLE
-                break
-            if state.t > max(quality * state.m, 0.0):
-                break
-            if state.gap < NOISE * first:
-                break
-            if state.gap < gap * first or state.mu < goal:
-                status = Status.ROUGH
-                break
-            if time.perf_counter() - started > time_limit:
-                status = Status.TIME
-                break
-            if taken is not None and taken.share < 1:
-                status = Status.BLOCKED
-                break
-            following = step(state, None if fence is None else _limit(fence, state, problem.C))
+            late = time.perf_counter() - started > time_limit
+            ended = _decided(state, first, quality) or _near(state, first, gap, goal) or _cut_short(taken, late)
+            following = None if ended else step(state, None if fence is None else _limit(fence, state, problem.C))
             if following is None:
+                status = ended or Status.STALLED
                 break
             taken, state = following, following.state
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    if state.t > 0 and status is not Status.BLOCKED and state.is_interior:
+    if state.t > 0 and status not in (Status.BLOCKED, Status.FEASIBLE) and state.is_interior:
         status = Status.FEASIBLE
     return Solution(status, state, taken, problem.C, first, tuple(log))
+
+
+def _decided(state: Iterate, first: float, quality: float) -> Status | None:
+    """Whether the sign of the margin is known, by a bound that is some way from zero."""
+    if state.m < min(quality * state.t, -NOISE * first) and state.is_dual_feasible:
+        return Status.INFEASIBLE
+    if state.t > max(quality * state.m, 0.0):
+        return Status.FEASIBLE if state.is_interior else Status.STALLED
+    return None
+
+
+def _near(state: Iterate, first: float, gap: float, goal: float) -> Status | None:
+    """Whether the bounds are as near to each other as was asked, or as arithmetic allows."""
+    if state.gap < NOISE * first:
+        return Status.STALLED
+    return Status.ROUGH if state.gap < gap * first or state.mu < goal else None
+
+
+def _cut_short(taken: Step | None, late: bool) -> Status | None:
+    if late:
+        return Status.TIME
+    return Status.BLOCKED if taken is not None and taken.share < 1 else None
 
 
 def maximise(

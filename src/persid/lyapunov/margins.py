@@ -30,6 +30,11 @@ RADII = 24  # distances from x* at which a search for another place of rest begi
 DIRECTIONS = 16
 DESCENTS = 12  # local searches from the best of these
 NEARER = 60  # rounds of these: to the best of the points around, or nearer by where none is better
+FARTHEST = 10.0  # widths from x* of the farthest start
+REACH = 0.3  # of its distance from x*: how far around a start the first round looks
+SHORTER = 0.6  # share to which that falls after a round without a better point
+LEVELS = 50  # of the norm, which converge quadratically: a handful are needed
+ON_AXIS = 1e-8  # of the largest eigenvalue: a real part below is one of rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +93,10 @@ def complex_radius(J: Float[ndarray, "n n"], residuals: Residuals) -> float:
 
     eigenvalues = np.linalg.eigvals(J)
     best = max(norm(w) for w in (0.0, *np.abs(eigenvalues.imag), *np.abs(eigenvalues)))
-    for _ in range(50):
+    for _ in range(LEVELS):
         h = best * (1 + TOLERANCE)
         values = np.linalg.eigvals(np.block([[J, L @ L.T / h], [-np.eye(n) / h, -J.T]]))
-        on_axis = np.sort(values.imag[np.abs(values.real) < 1e-8 * np.abs(values).max()])
+        on_axis = np.sort(values.imag[np.abs(values.real) < ON_AXIS * np.abs(values).max()])
         middles = (on_axis[1:] + on_axis[:-1]) / 2
         larger = max((norm(float(w)) for w in middles), default=0.0)
         if larger <= h:
@@ -110,7 +115,7 @@ def resting_bound(
     """Return the smallest |F(x, u) / width| / |(x - x*) / width| that is found, in 1/s: a bound from above.
 
     Looked at are x (of a box) from near x* to ten widths away, and a few of them improved by a local search.
-    """  # fmt: skip
+    """
     width, known = residuals.width, ~residuals.free
     # the known equations x_i' = x_j rest where their right side is 0, as it is at x*
     basis = null_space(model.channels.A0[known] * width) if known.any() else np.eye(model.n)
@@ -126,22 +131,33 @@ def resting_bound(
             value = np.linalg.norm((model.rhs(x, u) / width)[..., residuals.free], axis=-1) / size
         return np.where(meant & np.isfinite(value), value, np.inf)
 
-    rng = np.random.default_rng(0)
-    d = basis.shape[1]
-    directions = rng.normal(size=(DIRECTIONS * d, d))
+    starts, directions = _starts(basis.shape[1])
+    return _descended(ratios, starts, directions)
+
+
+def _starts(d: int) -> tuple[Float[ndarray, "N d"], Float[ndarray, "K d"]]:
+    """Return points in random directions and their opposites, at distances that grow geometrically; the directions."""
+    directions = np.random.default_rng(0).normal(size=(DIRECTIONS * d, d))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     directions = np.vstack([directions, -directions])
-    starts = (np.geomspace(10 * NEAREST, 10.0, RADII)[:, None, None] * directions).reshape(-1, d)
-    values = ratios(starts)
-    best = starts[np.argsort(values)[:DESCENTS]]
-    reach, values = 0.3 * np.linalg.norm(best, axis=1), np.sort(values)[:DESCENTS]
+    return (np.geomspace(10 * NEAREST, FARTHEST, RADII)[:, None, None] * directions).reshape(-1, d), directions
+
+
+def _descended(
+    f: Callable[[ndarray], ndarray], starts: Float[ndarray, "N d"], directions: Float[ndarray, "K d"]
+) -> float:
+    """Return the least value found from the best starts: to the best point around, nearer by where none is better."""
+    values = f(starts)
+    order = np.argsort(values)[:DESCENTS]
+    best, values = starts[order], values[order]
+    reach = REACH * np.linalg.norm(best, axis=1)
     for _ in range(NEARER):
         around = best[:, None, :] + reach[:, None, None] * directions
-        tried = ratios(around.reshape(-1, d)).reshape(len(best), -1)
+        tried = f(around.reshape(-1, best.shape[1])).reshape(len(best), -1)
         at, least = tried.argmin(axis=1), tried.min(axis=1)
         better = least < values
-        best = np.where(better[:, None], np.take_along_axis(around, at[:, None, None], axis=1)[:, 0], best)
-        values, reach = np.minimum(values, least), np.where(better, reach, 0.6 * reach)
+        best = np.where(better[:, None], around[np.arange(len(best)), at], best)
+        values, reach = np.minimum(values, least), np.where(better, reach, SHORTER * reach)
     return float(values.min())
 
 

@@ -150,42 +150,46 @@ def attempt_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
     return [(one.what, one.outcome, f"{one.seconds:.2f} s") for one in verdict.attempts]
 
 
+_ABOUT_EQUATIONS = (
+    "What is refuted is that the equations say, for all states and inputs, what the algebraic variables are: "
+    'instability is not claimed, and near an equilibrium a region, domain="auto", may still be certified.'
+)
+_REFUTED = (
+    "What is refuted is stability from all initial states: in a region around one of its equilibria the model may "
+    "still be stable, and another fit to the same measurements may be stable everywhere."
+)
+_UNDECIDED = (
+    "Undecided is not unstable: neither a proof nor a counterexample was found, and another fit, more time or another "
+    "kind of proof may decide it."
+)
+_CONSTANT = (
+    "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it stays "
+    "within a distance of x_ref that depends on b and on u - u_ref."
+)
+_BEYOND = (
+    "It holds for the model beyond the range of the measurements too, where nothing has compared the model with the "
+    "plant."
+)
+_OUTSIDE = "It says nothing about starts outside the region."
+
+
 def limits(verdict: Verdict, model: PersidskiiModel) -> tuple[str, ...]:
     """Return what a verdict does not claim, one sentence each."""
-    if isinstance(verdict, Refuted) and verdict.witness.is_about_equations:
-        return (
-            "What is refuted is that the equations say, for all states and inputs, what the algebraic variables are: "
-            'instability is not claimed, and near an equilibrium a region, domain="auto", may still be certified.',
-            NO_PLANT,
-        )
     if isinstance(verdict, Refuted):
-        return (
-            "What is refuted is stability from all initial states: in a region around one of its equilibria the model "
-            "may still be stable, and another fit to the same measurements may be stable everywhere.",
-            NO_PLANT,
-        )
+        return (_ABOUT_EQUATIONS if verdict.witness.is_about_equations else _REFUTED, NO_PLANT)
     if not isinstance(verdict, Certified):
-        return (
-            "Undecided is not unstable: neither a proof nor a counterexample was found, and another fit, more time or "
-            "another kind of proof may decide it.",
-            NO_PLANT,
-        )
-    found = [NO_PLANT] if verdict.margin is None else [NO_PLANT, ASSUMED]
-    if verdict.certificate.counts_b:
-        found.append(
-            "The constant b counts as one more input: it does not say that the state settles at x_ref, only that it "
-            "stays within a distance of x_ref that depends on b and on u - u_ref."
-        )
-    if (why := unrated(verdict)) is not None:
-        found.append(f"It gives no number for how fast the start is forgotten or how strongly inputs act: {why}.")
-    if model.domain is not None and verdict.certificate.scope == "global":
-        found.append(
-            "It holds for the model beyond the range of the measurements too, where nothing has compared the model "
-            "with the plant."
-        )
-    if verdict.certificate.scope == "regional":
-        found.append("It says nothing about starts outside the region.")
-    return tuple(found)
+        return (_UNDECIDED, NO_PLANT)
+    certificate, why = verdict.certificate, unrated(verdict)
+    unrated_by = f"It gives no number for how fast the start is forgotten or how strongly inputs act: {why}."
+    said = {
+        NO_PLANT: True,
+        ASSUMED: verdict.margin is not None,
+        _CONSTANT: certificate.counts_b,
+        unrated_by: why is not None,
+        _BEYOND: model.domain is not None and certificate.scope == "global",
+        _OUTSIDE: certificate.scope == "regional",
+    }
+    return tuple(sentence for sentence, holds in said.items() if holds)
 
 
 _UNRATED = {
