@@ -60,7 +60,7 @@ class Spans:
         if exponent.denominator == 2:
             return self.apply("sqrt") * self.power(exponent - Fraction(1, 2))
         ends = self if exponent % 2 else self.apply("abs")
-        return Spans(ends.lo ** int(exponent), ends.hi ** int(exponent))
+        return Spans(ends.lo ** float(exponent), ends.hi ** float(exponent))
 
     def apply(self, name: str) -> "Spans":
         """Return the range of a function of the grammar."""
