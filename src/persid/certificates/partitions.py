@@ -31,21 +31,24 @@ Piece = tuple[Fraction, Fraction]
 
 
 @lru_cache(maxsize=8192)
-def cuts_of(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+def cuts_of(lemma: Lemma, domain: Piece | None) -> Cuts | None:
     """Return cuts on which the checker proves a lemma, None where none are found."""
     low, high = lemma.centre or (_ZERO, _ZERO)
     if lemma.kind in SLOPES and domain is None and lemma.centre is not None:  # its pieces do not know the centre
         found = cuts_of(replace(lemma, centre=None), None)
         if found is None or (found[0] < low and high < found[-1]):
             return found
-    if not _seems_negative(lemma, domain):
-        cuts = _guessed(lemma, domain) or _searched(lemma, domain)
-        if cuts is not None:
-            return cuts
-    return _graded(lemma, domain) if lemma.kind in SUMMED else None
+    negative = _seems_negative(lemma, domain)
+    if negative and lemma.kind not in SUMMED:
+        return None
+    ends = _ends(lemma, domain)
+    if ends is None:
+        return None
+    cuts = None if negative else _guessed(lemma, domain, ends) or _searched(lemma, domain, ends)
+    return _graded(lemma, domain, ends) if cuts is None and lemma.kind in SUMMED else cuts
 
 
-def _seems_negative(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> bool:
+def _seems_negative(lemma: Lemma, domain: Piece | None) -> bool:
     """Whether the quantity is negative in floats at some point that is tried: then there is nothing to search."""
     low, high = (float(t) for t in lemma.centre or (0, 0))
     tried = np.concatenate([low - PROBES, high + PROBES])
@@ -55,20 +58,17 @@ def _seems_negative(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> b
     return bool((value < -known).any())
 
 
-def _guessed(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
-    """Return a few cuts that floats suggest, with the first of the tails; None where the checker does not prove it."""
-    low, high = lemma.centre or (_ZERO, _ZERO)
-    ends = (low + domain[0], high + domain[1]) if domain else (min(-TAILS[0], low - 1), max(TAILS[0], high + 1))
+def _guessed(lemma: Lemma, domain: Piece | None, ends: Piece) -> Cuts | None:
+    """Return a few cuts that floats suggest; None where the checker does not prove it."""
     germ = _seen_germ(lemma, ends)
     cuts = None if germ is None else _halved_in_floats(lemma, ends, germ, FEW)
     return cuts if cuts is not None and lemma.unproved(cuts, domain) is None else None
 
 
-def _searched(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
-    """Return cuts that the checker's evaluation has found, tails and what is about the centre first."""
-    ends = _ends(lemma, domain)
-    germ = None if ends is None else _germ(lemma, ends)
-    cuts = None if ends is None or germ is None else _halved_in_floats(lemma, ends, germ, PIECES)
+def _searched(lemma: Lemma, domain: Piece | None, ends: Piece) -> Cuts | None:
+    """Return cuts that the checker's evaluation has found, those about the centre first."""
+    germ = _germ(lemma, ends)
+    cuts = None if germ is None else _halved_in_floats(lemma, ends, germ, PIECES)
     if cuts is None or lemma.unproved(cuts, domain) is None:
         return cuts
     found = _halved(lemma, list(pairwise(cuts)))
@@ -120,15 +120,13 @@ def _floats(pieces: Sequence[Piece]) -> tuple[ndarray, ndarray]:
     return ends[:, 0], ends[:, 1]
 
 
-def _graded(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+def _graded(lemma: Lemma, domain: Piece | None, ends: Piece) -> Cuts | None:
     """Return pieces that grow with the distance from the centre, for a quantity that falls below 0 where it has risen.
 
     Near the centre the quantity is about linear in the distance, so only pieces that are short beside it keep its sign.
     """
     low, high = lemma.centre or (_ZERO, _ZERO)
-    ends, middle = _ends(lemma, domain), [low] if low == high else []
-    if ends is None:
-        return None
+    middle = [low] if low == high else []
     for count in (16, 64, 256, 1024, 8192):
         left = [*middle, *(low - d for d in _distances(low - ends[0], count))]
         right = [*middle, *(high + d for d in _distances(ends[1] - high, count))]
@@ -200,7 +198,7 @@ def _distances(reach: Fraction, count: int) -> list[Fraction]:
     return [*(unit * round(units * share) for share in rising), reach]
 
 
-def _ends(lemma: Lemma, domain: tuple[Fraction, Fraction] | None) -> Piece | None:
+def _ends(lemma: Lemma, domain: Piece | None) -> Piece | None:
     """Return the domain, or the nearest cuts beyond which the tails are proved and inside which all centres lie."""
     low, high = lemma.centre or (_ZERO, _ZERO)
     if domain is not None:
@@ -281,7 +279,7 @@ def cuts_of_product(product: Product) -> Cuts | None:
 
 
 @lru_cache(maxsize=8192)
-def cuts_of_continuity(functions: Functions, domain: tuple[Fraction, Fraction] | None) -> Cuts | None:
+def cuts_of_continuity(functions: Functions, domain: Piece | None) -> Cuts | None:
     """Return cuts on which every function is proved continuous; `domain` is absolute."""
     ends = domain
     if ends is None:
