@@ -8,6 +8,7 @@ import pytest
 import persid as ps
 from persid.lyapunov.margins import Residuals, largest_margin
 from persid.lyapunov.rates import Question, attained, best_rate, kappa, smallest_gain
+from persid.lyapunov.second_pass import in_use
 from persid.lyapunov.shifted_model import Setting
 
 FEW = 45  # steps of the interior-point method from an outcome to the smallest gain; a single question takes about ten
@@ -42,6 +43,20 @@ def test_no_smaller_gain_is_found(seed: int) -> None:
     assert attained(question, found)[0] <= 1.03 * ratio
     assert question.ask(rate, 0.97 * ratio, found, plenty) is None
     assert 0 < found.steps <= FEW
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_others_join(seed: int) -> None:
+    """Where forms are named no others join; the gain is no smaller than with all, and no larger than at the start."""
+    _, question = drawn(seed)
+    start = question.ask(0.5, None, None, plenty)
+    assert start is not None
+    few, all_of = (smallest_gain(question, 0.5, start, plenty, forms) for forms in (in_use(start), None))
+    assert few is not None
+    assert all_of is not None
+    assert set(in_use(few)) <= set(in_use(start)) < set(in_use(all_of))
+    ratio = attained(question, few)[0]
+    assert attained(question, all_of)[0] * 0.99 <= ratio < attained(question, start)[0]
 
 
 def test_no_time_for_a_smaller_gain() -> None:
