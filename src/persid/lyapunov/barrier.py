@@ -29,6 +29,9 @@ from persid.lyapunov.pairs import FORMED, Problem, combine, pairings, schur
 RISE = 20.0  # of theta once a point is centred
 CENTRED = 0.25  # Newton decrement below which it is
 NEARLY = 0.95  # of the way to the boundary that a step may go
+HALVINGS = 30  # of a step, until the merit falls by the share ENOUGH of what its slope foretells
+ENOUGH = 0.05
+RIDGES = (1e-14, 1e-11, 1e-8)  # on the unit diagonal of a Hessian, for rounding: the first that lets it be factored
 STEPS = 200
 ACCURACY = 1e-7  # of the objective's own size, and so its gap
 
@@ -149,6 +152,15 @@ class Centre:
     objective: float
     gap: float
 
+    def knows_sign(self) -> bool:
+        """Whether the sign of the optimum is known: that of the objective, where it is below zero by half the gap."""
+        return -self.objective > 0.5 * self.gap or self.objective > self.gap
+
+
+def as_near_as(share: float) -> Callable[[Centre], bool]:
+    """Return what says of a centre whether the optimum is nearer to it than a share of the objective."""
+    return lambda centre: centre.gap < share * abs(centre.objective)
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -242,9 +254,9 @@ def _searched(
 ) -> Float[ndarray, " W"] | None:
     """Return a point along d where the merit has fallen, None where there is none."""
     a, merit = min(1.0, NEARLY * region.reach(w, d)), float(objective @ w) + region.value(w)
-    for _ in range(30):
+    for _ in range(HALVINGS):
         there = w + a * d
-        if float(objective @ there) + region.value(there) <= merit + 0.05 * a * slope:
+        if float(objective @ there) + region.value(there) <= merit + ENOUGH * a * slope:
             return there
         a *= 0.5
     return None
@@ -254,7 +266,7 @@ def _solved(H: Float[ndarray, "W W"], r: Float[ndarray, " W"]) -> Float[ndarray,
     """Solve H d = r, H > 0, scaled to a unit diagonal."""
     scale = 1 / np.sqrt(np.diag(H))
     scaled = scale[:, None] * H * scale
-    for ridge in (1e-14, 1e-11, 1e-8):
+    for ridge in RIDGES:
         try:
             factor = sla.cho_factor(scaled + ridge * np.eye(len(H)), lower=True)
         except sla.LinAlgError:

@@ -15,16 +15,15 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-import scipy.linalg as sla
 from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Centre, Region, definite, minimise
+from persid.lyapunov.barrier import as_near_as, minimise
 from persid.lyapunov.frame import Frame, Unknown
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.points import Form, Known, Point, steepness
-from persid.lyapunov.proposals import ROOM, Candidate, feasible
+from persid.lyapunov.proposals import NEAR, Candidate, feasible, with_gain
 from persid.lyapunov.sectors import RELAXATION, Curve, _directions, _facets, _interior, sizes
 
 FORMS = 4  # of a curve that hold far out
@@ -264,22 +263,12 @@ def ball_of(frame: Rough, r: float, kappa: float, left: Left) -> Ball | None:
 def _shrunk(candidate: Candidate, frame: Rough, r: float, left: Left) -> Ball:
     """Minimise kappa times the square of the ball, with Pt > I and gamma I in M, gamma counted a little."""
     matrices, kappa = candidate.matrices, float(candidate.kappa)
-    inputs = range(frame.entries, frame.width)
+    inputs = matrices.units[frame.entries : frame.width]
     cost = np.array([frame.supply(each, kappa) for each in candidate.solvable.unknowns]) * matrices.sizes
-    size = float(min(matrices.units[list(inputs)] ** 2, default=1.0)) * (1.0 if frame.lone else WEIGHT)
-    gamma = candidate.gamma(candidate.w)
-    start = candidate.w * 1.2 / candidate.least(candidate.w)
-    N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
-    unit = 1.5 * max(gamma, 1e-12)
-    M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * unit) for i in inputs]], inputs=True)
-    blocks = (definite(M, N), definite(matrices.Pt([[]]), N, -matrices.identity))
-    region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
-    objective = np.append(candidate.N.T @ cost, unit * size if len(inputs) else 1e-3)
-
-    def close(centre: Centre) -> bool:
-        return centre.gap < 0.02 * abs(centre.objective)
-
+    size = float(min(inputs**2, default=1.0)) * (1.0 if frame.lone else WEIGHT)
+    region, w, unit = with_gain(candidate)
     if not np.isfinite(region.value(w)):
         return Ball(candidate, r, kappa, np.inf)
-    found = minimise(region, objective, w, enough=close, left=left)
+    objective = np.append(candidate.N.T @ cost, unit * size if len(inputs) else 1e-3)
+    found = minimise(region, objective, w, enough=as_near_as(NEAR), left=left)
     return Ball(replace(candidate, w=found.w[:-1]), r, kappa, found.objective / kappa)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Centre, Region, definite, minimise
+from persid.lyapunov.barrier import Centre, Region, as_near_as, definite, minimise
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.elimination import followed, multipliers, without
@@ -37,6 +37,11 @@ FEW = 60  # facts across channels with which a problem is small
 JOINING = 8  # facts, for each state, that may join in one
 START = 0.3  # of the ball of radius 1 in which a margin is sought
 ROOM = 1e4  # times the size of the first point: the ball in which a gain is made small
+INSIDE, ABOVE = (
+    1.2,
+    1.5,
+)  # of what Pt > I needs, and twice that of gamma: a point well inside, where a gain is made small
+NEAR = 0.02  # of gamma, and so a gain to 1 %
 DENSE = 1000  # unknowns up to which a gain is made small
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)
 LOSS = 1.03  # by which gamma may grow for a proof with fewer facts
@@ -283,12 +288,8 @@ def _centred(candidate: Candidate, left: Left) -> tuple[Float[ndarray, " W"], fl
         definite(matrices.Pt([[(i, -size) for i in frame.z]]), N),
     )
     objective = np.append(np.zeros(len(w)), -1.0)
-
-    def decided(centre: Centre) -> bool:
-        return -centre.objective > 0.5 * centre.gap or -centre.objective + centre.gap < 0
-
     region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), 1.0)
-    found = minimise(region, objective, np.append(w, t / size), enough=decided, left=left)
+    found = minimise(region, objective, np.append(w, t / size), enough=Centre.knows_sign, left=left)
     return found.w[:-1], float(found.w[-1]) * size
 
 
@@ -324,23 +325,22 @@ def smallest_gain(candidate: Candidate, left: Left) -> Candidate:
     candidate = candidate.in_use()
     if len(candidate.w) > DENSE:
         return candidate
-    frame, matrices = candidate.frame, candidate.matrices
-    inputs = range(frame.entries, frame.width)
-    if not len(inputs):
+    if candidate.frame.width == candidate.frame.entries:  # without inputs no gain
         return candidate
-    gamma = candidate.gamma(candidate.w)
-    start, size = candidate.w * 1.2 / candidate.least(candidate.w), 1.5 * max(gamma, 1e-12)
-    N, w = sla.block_diag(candidate.N, np.eye(1)), np.append(start, 2.0)
-    M = matrices.M([[(i, matrices.units[i] ** 2 / matrices.rate * size) for i in inputs]], inputs=True)
-    blocks = (definite(M, N), definite(matrices.Pt([[]]), N, -matrices.identity))
-    region = Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w)))
-
-    def close(centre: Centre) -> bool:
-        return centre.gap < 0.02 * centre.objective
-
+    region, w, _ = with_gain(candidate)
     if not np.isfinite(region.value(w)):
         return candidate
-    objective = np.append(np.zeros(len(start)), 1.0)
-    found = minimise(region, objective, w, enough=close, left=left)
+    found = minimise(region, np.eye(len(w))[-1], w, enough=as_near_as(NEAR), left=left)
     smaller = replace(candidate, w=found.w[:-1])
     return smaller if np.isfinite(smaller.gamma(smaller.w)) else candidate
+
+
+def with_gain(candidate: Candidate) -> tuple[Region, Float[ndarray, " W"], float]:
+    """Return Pt > I and M > 0 with gamma I at the inputs, a point inside, and the unit of gamma, its last entry."""
+    frame, matrices = candidate.frame, candidate.matrices
+    unit = ABOVE * max(candidate.gamma(candidate.w), 1e-12)
+    inputs = [(i, matrices.units[i] ** 2 / matrices.rate * unit) for i in range(frame.entries, frame.width)]
+    N = sla.block_diag(candidate.N, np.eye(1))
+    w = np.append(candidate.w * INSIDE / candidate.least(candidate.w), 2.0)
+    blocks = (definite(matrices.M([inputs], inputs=True), N), definite(matrices.Pt([[]]), N, -matrices.identity))
+    return Region(blocks, np.pad(candidate.signs, ((0, 0), (0, 1))), ROOM * float(np.linalg.norm(w))), w, unit

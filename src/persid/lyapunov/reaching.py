@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Centre, Region, definite, minimise
+from persid.lyapunov.barrier import Centre, Region, as_near_as, definite, minimise
 from persid.lyapunov.frame import Frame, Unknown, paired
 from persid.lyapunov.pairs import combine
 from persid.lyapunov.points import Row
@@ -89,16 +89,12 @@ def reaching(frame: Frame, place: int, row: Row, Pt: Float[ndarray, "n n"], weig
     block = definite(paired(pairs, count, len(kept), read), np.eye(count), constant)
     region = Region((block,), signs, ROOM * float(np.linalg.norm(first)))
     cost = np.array([_cost(each, weight) for each in unknowns]) * sizes
-    numbers = rounded(minimise(region, cost, first[:-1], enough=_close, left=left).w * sizes * size**2)
+    numbers = rounded(minimise(region, cost, first[:-1], enough=as_near_as(CLOSE), left=left).w * sizes * size**2)
     return {each.label: _risen(each, v) for each, v in zip(unknowns, numbers, strict=True) if v}
 
 
 def _positive(centre: Centre) -> bool:
     return centre.objective < 0 or centre.objective - centre.gap > 0
-
-
-def _close(centre: Centre) -> bool:
-    return centre.gap < CLOSE * centre.objective
 
 
 def _risen(unknown: Unknown, value: float) -> Fraction:

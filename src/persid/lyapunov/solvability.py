@@ -56,12 +56,8 @@ def solving(frame: Frame, left: Callable[[], float]) -> Values | None:
     low = float(np.linalg.eigvalsh(combine(paired(pairs, len(unknowns), len(kept), read), w))[0])
     t = min(low, 0.0) - 0.1
     region = Region((block,), signs, 1.0 + abs(t))
-
-    def decided(centre: Centre) -> bool:
-        return -centre.objective > 0.5 * centre.gap or -centre.objective + centre.gap < 0
-
     objective = np.append(np.zeros(len(unknowns)), -1.0)
-    found = minimise(region, objective, np.append(w, t), enough=decided, left=left).w
+    found = minimise(region, objective, np.append(w, t), enough=Centre.knows_sign, left=left).w
     if not found[-1] > 0:
         return None
     numbers = rounded(found[:-1] * sizes)

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid._dyadics import rounded
-from persid.lyapunov.barrier import Centre, Region, definite, faces, minimise
+from persid.lyapunov.barrier import Region, as_near_as, definite, faces, minimise
 from persid.lyapunov.frame import Frame
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.points import Row
@@ -235,7 +235,7 @@ def enlarged(frame: Frame, kappa: Fraction, within: Float[ndarray, "g n"], left:
         if left() <= 0 or not np.isfinite(region.value(found.candidate.w)):
             break
         mean = parts_of_V(candidate, found.points).mean(axis=0) * candidate.matrices.sizes @ N
-        w = minimise(region, mean, found.candidate.w, enough=_close, left=left).w
+        w = minimise(region, mean, found.candidate.w, enough=as_near_as(CLOSE), left=left).w
         following = Sublevel.of(replace(candidate, w=w), within)
         if not following.volume > found.volume:
             break
@@ -243,10 +243,6 @@ def enlarged(frame: Frame, kappa: Fraction, within: Float[ndarray, "g n"], left:
         if small:
             break
     return found
-
-
-def _close(centre: Centre) -> bool:
-    return centre.gap < CLOSE * centre.objective
 
 
 def of_linearisation(
