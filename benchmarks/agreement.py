@@ -16,11 +16,10 @@ from collections.abc import Iterator
 from children import keep, shared_families
 from library import by_library
 
-from persid.certificates.certificate import Certificate
 from persid.certificates.doubts import without_unproved
 from persid.certificates.obstruction import find_obstruction
-from persid.certificates.stability import write
-from persid.errors import RoundingError
+from persid.certificates.stability import prove
+from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import choose
 from persid.lyapunov.search import Outcome, search
@@ -70,8 +69,8 @@ def _proved(setting: Setting, found: Outcome, full_P: bool) -> str:
         setting, dropped = without_unproved(setting, lyapunov)
         if not dropped:
             try:
-                Certificate.accept(write(setting.model, lyapunov))
-            except RoundingError as error:
+                prove(setting.model, lyapunov)
+            except (RejectedError, RoundingError) as error:
                 return "V bounded" if "do not span" in str(error) else "not proved"
             return "proved"
         found = search(setting.system, setting.pools, full_P=full_P, time_limit=60.0)

@@ -20,10 +20,9 @@ import numpy as np
 from children import shared_families
 from numpy import ndarray
 
-from persid.certificates.certificate import Certificate
 from persid.certificates.doubts import without_unproved
-from persid.certificates.stability import write
-from persid.errors import RoundingError
+from persid.certificates.stability import prove
+from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.inequality import assemble
 from persid.lyapunov.interior_point import Status, solve
 from persid.lyapunov.multipliers import choose
@@ -87,8 +86,8 @@ def decide(model: PersidskiiModel, forms: Callable[[Curve], ndarray] | None, ful
             found = choose(assembly, solution.y)
             setting, dropped = without_unproved(setting, found)
             if not dropped:
-                return "certified", Certificate.accept(write(model, found)).claim
-        except RoundingError as error:
+                return "certified", prove(model, found).claim
+        except (RejectedError, RoundingError) as error:
             return "rejected" if "checker" in str(error) else "rounding", str(error)
 
 
