@@ -1,0 +1,116 @@
+"""Regions of random loops, in continuous and in discrete time: every accepted one is invariant along its model."""
+
+import random
+from collections import Counter
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from checker.known_steps import bounds_of_region, steps_model
+from checker.ledgers import Sketch, curve, data, model_object, point, solved
+from checker.sampled import Sampled, _strips, faults, number
+from persid.certificates.ledger import with_proof
+from persid.errors import RoundingError
+from persid_check import Accepted, check
+from persid_check.results import FormatError, NotProvedError
+
+FUNCTIONS = ("tanh(x)", "sat(x)", "x**3", "sin(x)", "tanh(2*x)", "x-x**3/3", "relu(x)", "x*abs(x)", "softsign(3*x)",
+             "pwl(x; -1: -0.5, 0: 0, 0.5: 1, 3: 1.25)", "deadzone(2*x)", "expm1(x)")  # fmt: skip
+UNPROVED = [0, [-1, 0, 1]]
+Content = dict[str, Any]
+
+
+def _loop(choose: random.Random) -> Sketch:
+    """A plant of up to three states in a loop with a function on a strip, its factor 1 or -1, its value mostly in V."""
+    discrete, n, sign = choose.random() < 0.7, choose.choice((1, 2, 2, 3)), choose.choice((1, -1))
+    f, inside, rng = choose.choice(FUNCTIONS), choose.random() < 0.8, np.random.default_rng(choose.randrange(10**9))
+    A0 = rng.normal(size=(n, n))
+    values = np.linalg.eigvals(A0)
+    A0 = A0 * choose.uniform(0.3, 1.02) / np.abs(values).max() if discrete else A0
+    A0 = A0 if discrete else A0 - np.eye(n) * (values.real.max() + choose.uniform(-0.1, 1))
+    row, column = (choose.choice((0.25, 0.5, 1.0)) * rng.normal(size=n)).round(3), rng.normal(size=(n, 1)).round(3)
+    make = steps_model if discrete else model_object
+    model = make([(f, [(sign * row).tolist()], column.tolist())], A0.round(3).tolist(), np.eye(n)[:, :1].tolist(), n=n)
+    width = choose.choice((0.5, 1.0, 2.0))
+    domain, functions = (-width, width * choose.choice((1, 1.5))), [(f, sign)]
+    rows = [(0, sign), (1, -sign), (1, 0), (2, -sign), (Fraction(-3, 8), sign)]
+    kinds = [(row, kind) for row in rows for kind in ("nondecreasing", "sector")]
+    kinds += [(row, "one-signed") for row in ((0, sign), (0, -sign), (1, sign))]
+    forms = [form for form in kinds if curve(functions, form, domain=domain)["forms"][0]["cuts"] != UNPROVED]
+    known = {form: k for k, form in enumerate(forms)}
+    bounds: dict[Any, Any] = {form: {"upper": (1, 0)} for form in forms if form[1] == "nondecreasing"}
+    g, h = ((rows[0], "nondecreasing"), (rows[1], "nondecreasing"))
+    if g in known and h in known and choose.random() < 0.5:  # each bounds the other by its square
+        bounds |= {one: {"upper": (1, 0), "lower": (1, known[other])} for one, other in ((g, h), (h, g))}
+    made = curve(functions, *((*form, bounds.get(form, {})) for form in forms), domain=domain)
+    sectors = [k for (_, kind), k in known.items() if kind != "one-signed"]
+    rising, signed = ([known[form] for form in forms if form[1] == kind] for kind in ("nondecreasing", "one-signed"))
+    facts: list[Any] = [("value", 0, k, j) for k in sectors for j in sectors if j <= k]
+    facts += [("one_signed", 0, k, 0, j) for k in signed for j in signed if j <= k]
+    pairs = [(k, j) for k in rising for j in rising if j <= k] if inside else []
+    facts += [("step", 0, 0, -1, k, j) if discrete else ("slope", 0, k, j) for k, j in pairs]
+    facts += [("step", 0, 0, 0, k, j) for k in sectors for j in sectors if j <= k and discrete and inside]
+    densities = [known[one] for one in (g, h) if one in known and (inside or not discrete)]
+    at = point(0, {i: v for i, v in enumerate(row.tolist()) if v}, [0], densities)
+    kappa = Fraction(1, choose.choice((16, 64, 256)))
+    return Sketch(model, [made], [at], facts, "region", kappa, inside=(0,) * inside)
+
+
+def _smaller(content: Content) -> Content:
+    """With a level and inputs some way inside what the strip admits."""
+    found = bounds_of_region(content)
+    return with_proof(
+        content | {name: [part * m, e - 4] for part, (name, (m, e)) in zip((8, 10), found.items(), strict=True)}
+    )
+
+
+def _is_invariant(content: Content, rng: np.random.Generator) -> bool:
+    """Whether runs from sampled points of the set, with inputs of the largest size, stay in it and in its strips."""
+    look, level, size = Sampled(content), number(content["level"]), number(content["input_bound"])
+    (row, lo, hi), *_ = _strips(look)
+    for _ in range(60):
+        x = rng.normal(size=look.model.n)
+        x *= rng.uniform() * (hi if row @ x > 0 else -lo) / abs(row @ x)
+        if look.V(x) > level:
+            continue
+        for _ in range(20):
+            v = rng.normal(size=look.model.m)
+            v *= size / np.linalg.norm(v)
+            x = look.rise(x, v) if look.discrete else x + 0.01 * look.rise(x + 0.005 * look.rise(x, v), v)
+            if not lo - 1e-6 <= row @ x <= hi + 1e-6 or look.V(x) > level * (1 + 1e-5):
+                return False
+    return True
+
+
+def _regions(count: int, seed: int) -> Counter[str]:
+    choose, rng, counts = random.Random(seed), np.random.default_rng(seed), Counter[str]()
+    for _ in range(count):
+        try:
+            content = _smaller(solved(_loop(choose), ratio=1e3))
+        except Exception as error:  # the solver gives up, or rounding loses the margin
+            made = isinstance(error, RoundingError | NotProvedError | FormatError | np.linalg.LinAlgError)
+            if not made and type(error).__name__ != "SolverError":
+                raise
+            counts["not made"] += 1
+            continue
+        answer = check(data(content))
+        counts[type(answer).__name__] += 1
+        if isinstance(answer, Accepted):
+            assert faults(content, samples=60) == [], content["model"]
+            assert _is_invariant(content, rng), content["model"]
+    print(dict(counts))
+    return counts
+
+
+@pytest.mark.long
+def test_accepted_regions_of_random_loops_are_invariant() -> None:
+    """Of random loops with all kinds of facts, runs with the largest inputs stay in every region that is accepted."""
+    assert _regions(30, seed=1)["Accepted"] >= 3
+
+
+@pytest.mark.slow
+def test_accepted_regions_of_a_thousand_random_loops_are_invariant() -> None:
+    """The same for 1,000 loops."""
+    assert _regions(1000, seed=2)["Accepted"] > 60
