@@ -17,6 +17,8 @@ from persid.lyapunov.arrays import Array, Arrays
 from persid.lyapunov.pairs import Problem, combine, lengths, pairings, schur
 
 SHARE = 0.95  # of the way to the boundary that a step goes
+SHORT = 1e-7  # a longer one at least, in X or in y, else the method has come to its end
+LEAST = 1e-6  # share to which a predicted step may lower mu: with its square the step aims at a centre
 CLOSELY, ROUGHLY = 0.02, 0.2  # relative errors of the way to the boundary, in a step and in its prediction
 LANCZOS_ORDER = 64  # from which the way to the boundary comes from Lanczos' method
 ROUNDING = 1e-14  # of its size: a price that is negative by less counts as zero
@@ -219,12 +221,12 @@ def step(state: Iterate, limit: Callable[[Array, float], float] | None = None) -
             + inner(state.U + a * predicted.U, state.P + b * predicted.P)
             + inner(state.x + a * predicted.x, state.s + b * predicted.y[free:])
         )
-        sigma = min(1.0, max(gap / state.size / state.mu, 1e-6) ** 2)
+        sigma = min(1.0, max(gap / state.size / state.mu, LEAST) ** 2)
         corrected = direction(sigma * state.mu, predicted)
         a, b = _steps(state, corrected)
     except (sla.LinAlgError, ValueError):
         return None
-    if max(a, b) < 1e-7:
+    if max(a, b) < SHORT:
         return None
     end = state.X + a * corrected.X, state.m + a * corrected.m
     share = 1.0 if limit is None else limit(*end)
