@@ -21,9 +21,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests"))
 
 from further_problems import FURTHER  # noqa: E402
+from other_problems import OTHER  # noqa: E402
 from published_problems import PUBLISHED, Published  # noqa: E402
 
-ALL: tuple[Published, ...] = (*PUBLISHED, *FURTHER)
+ALL: tuple[Published, ...] = (*PUBLISHED, *FURTHER, *OTHER)
 
 
 def asked(problem: Published, time_limit: float) -> dict[str, Any]:

@@ -105,7 +105,8 @@ def volume(certificate: ps.Certificate) -> float:
     low, high = np.zeros(len(d)), np.full(len(d), 1e4)
     for _ in range(60):
         middle = (low + high) / 2
-        inside = certificate.V(x + d * middle[:, None]) <= float(stated.level)
+        with np.errstate(over="ignore", invalid="ignore"):  # far out, where exp has no number
+            inside = certificate.V(x + d * middle[:, None]) <= float(stated.level)
         for row, lo, hi in stated.strips:
             y = (d * middle[:, None])[:, list(row)] @ np.array([float(r) for r in row.values()])
             inside &= (y >= float(lo)) & (y <= float(hi))

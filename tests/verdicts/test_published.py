@@ -4,9 +4,10 @@ import pytest
 
 import persid as ps
 from further_problems import FURTHER, Ball, Between
+from other_problems import OTHER, Gain
 from published_problems import PUBLISHED, Published, Region, Slope, Stable, volume
 
-ALL = (*PUBLISHED, *FURTHER)
+ALL = (*PUBLISHED, *FURTHER, *OTHER)
 BY_NAME = {problem.name: problem for problem in ALL}
 
 QUICK = (
@@ -14,6 +15,8 @@ QUICK = (
     "van der Pol's oscillator", "Chua's circuit", "Hopfield's network, two neurons",
     "Goodwin's oscillator below its threshold", "Euler's rotating body, damped", "Lorenz, sigma = 10, b = 8/3: r",
     "five modes of a forced flow", "Rabinovich's waves, dampings 4, 1, 1",
+    "one eigenvalue 0", "neurons that take turns", "Selkov's sugar", "Sprott A, no rest", "steps: Lozi's map",
+    "gain: x' = -2x + tanh(x) + u", "x' = -2x + sin(x) + u", "hidden oscillation",
 )  # fmt: skip
 SLOW = (  # of these each takes a quarter of a minute to all of the minute that one question may take
     "equilibrium network, 10 states, 20 tanh", "equilibrium network, 6 states, 20 tanh",
@@ -21,6 +24,13 @@ SLOW = (  # of these each takes a quarter of a minute to all of the minute that 
     "Davison & Kurak's cubic of three states", "x3' = -3x1 - 3x2 - 2x3 + x1^3 + x2^3 + x3^3",
     "two species that compete", "three masses under two layers of six tanh", "x1' = -x1 + 2 x1^2 x2, x2' = -x2",
     "two machines at an infinite bus", "predators and prey that fills its room", "epidemic with births",
+    "x' = -2x + xy, y' = -y + xy", "x1' = -50x1 - 16x2 + 13.8x1x2, x2' = 13x1 - 9x2 + 5.5x1x2",
+    "disc, r' = -r(1 - r^2)", "disc within a cycle, r' = -r(1 - r^2)(1 - r^2/4)",
+    "x1' = -x1 + x2 x3^2, x2' = -x2 + x1 x2, x3' = -x3",
+    "x1' = -.42x1 - 1.05x2 - 2.3x1^2 - .5x1x2 - x1^3, x2' = 1.98x1 + x1x2", "stirred tank in logarithms",
+    "plate that is pulled, x'' + x'/2 + x = .1/(1 - x)^2", "jerk x''' + 2x'' + 3x' + x = x^2",
+    "three coupled oscillators", "Chua's circuit with a hidden attractor", "double integrator, saturated feedback",
+    "species that compete, in logarithms", "excitable neuron at rest",
     "inverted pendulum, saturated feedback", "machine at a bus, two harmonics", "repressilator, Hill exponent 3",
 )  # fmt: skip
 
@@ -41,8 +51,10 @@ def holds(problem: Published) -> None:
             assert problem.reached <= volume(verdict.certificate) <= 1.01 * (problem.truth or float("inf"))
         case Stable(truth=0.0):
             assert isinstance(ps.certify(problem.model), ps.Refuted)
-        case Ball() | Between() if problem.reached:
+        case Ball() | Between() | Gain() if problem.reached:
             assert problem.reached <= problem.largest({}) <= 1.001 * (problem.truth or float("inf"))
+        case Ball() | Between() | Gain():
+            assert problem.largest({}) == 0
         case Stable() if problem.reached:
             verdict = ps.certify(problem.model)
             assert isinstance(verdict, ps.Certified)
