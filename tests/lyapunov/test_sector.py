@@ -8,9 +8,6 @@ import pytest
 from persid.lyapunov.sectors import (
     POOL_SIZE,
     Curve,
-    _edges,
-    _hull,
-    _interior,
     groups,
     nondecreasing_pool,
     pool,
@@ -151,33 +148,3 @@ def test_a_factor_that_is_no_float_is_rounded_outwards(a: Fraction) -> None:
     """The form a y - tanh(a y) of a group takes the next float above a, so that it is proved whatever a is."""
     steep = dict((form[-1], form[0]) for form in slope_forms(Curve(("tanh(x)",), (a,))))[-1.0]
     assert 0 <= Fraction(steep) - a < Fraction(1, 2**52)
-
-
-@pytest.mark.parametrize("kind", ["round", "flat", "triangle"])
-def test_edges_are_those_of_qhull(kind: str) -> None:
-    """The hull of points of the plane is Qhull's; corners that are rounding are none."""
-    rng = np.random.default_rng(0)
-    turn = rng.uniform(0, 2 * np.pi, 60)
-    points = np.stack([np.cos(turn), np.sin(turn)], axis=1) * (1.0, 1e-4 if kind == "flat" else 1.0)
-    if kind == "triangle":
-        share = rng.dirichlet(np.ones(2), 40)
-        corners = rng.normal(size=(3, 2))
-        points = np.vstack([corners, *(share @ corners[[i, i - 1]] for i in range(3))])
-    found, meant = _edges(points), _hull(points)
-    meant = np.unique(np.round(meant, 9), axis=0)
-    assert np.unique(np.round(found, 9), axis=0) == pytest.approx(meant, abs=1e-8)
-
-
-@pytest.mark.parametrize("d", [2, 3, 5])
-def test_the_deepest_form_is_that_of_the_program(d: int) -> None:
-    """No form of unit length is deeper: that of a cone by its extreme rays, and a solver's of random cones."""
-    rng = np.random.default_rng(d)
-    V = rng.normal(size=(80, d)) + 2.0 * np.eye(d)[0]
-    V = V[V[:, 0] > 0.2] / np.linalg.norm(V[V[:, 0] > 0.2], axis=1, keepdims=True)
-    c = _interior(V)
-    near = c + 1e-3 * rng.normal(size=(2000, d))
-    depths = (near / np.linalg.norm(near, axis=1, keepdims=True) @ V.T).min(axis=1)
-    assert np.linalg.norm(c) == pytest.approx(1.0)
-    assert (V @ c).min() > 0
-    assert depths.max() <= (V @ c).min() + 1e-12
-    assert not _interior(np.vstack([V, -V])).any()

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.lyapunov.cones import facets
 from persid.lyapunov.sectors import (
     POOL_SIZE,
     RELAXATION,
@@ -26,7 +27,6 @@ from persid.lyapunov.sectors import (
     Curve,
     Group,
     _directions,
-    _facets,
     _samples,
     fine_pool,
     sizes,
@@ -94,14 +94,14 @@ def lacking(curve: Curve, forms: Float[ndarray, "K d"], own: Float[ndarray, "G d
     rays, listed = gaps(L), list[int]()
     if not len(rays):
         return []
-    facets = _directions(np.array(fine_pool(curve)) * unit)
+    fine = _directions(np.array(fine_pool(curve)) * unit)
     while len(rays) and len(listed) < POOL_SIZE:
-        cut = facets @ rays.T
+        cut = fine @ rays.T
         joining = set(cut.argmin(axis=0)[cut.min(axis=0) < -ROUNDING].tolist()) - set(listed)
         if not joining:
             break
         listed += sorted(joining)
-        rays = gaps(np.vstack([L, facets[listed]]))
+        rays = gaps(np.vstack([L, fine[listed]]))
     return [fine_pool(curve)[k] for k in listed[:POOL_SIZE]]
 
 
@@ -111,7 +111,7 @@ def _gaps(
     """Return the rays of the cone of L to which own functions are the nearest that are not deep in it."""
     if not len(own):
         return own
-    rays = _facets(L)
+    rays = facets(L)
     inside = _quotients(rays, own, e)
     shallow = inside.min(axis=0) < DEEP * depth
     return np.asarray(rays[np.unique(inside[:, shallow].argmin(axis=0))])

@@ -20,11 +20,12 @@ from numpy import ndarray
 
 from persid._dyadics import rounded
 from persid.lyapunov.barrier import as_near_as, minimise
+from persid.lyapunov.cones import facets, interior
 from persid.lyapunov.frame import Frame, Unknown
 from persid.lyapunov.integrals import _sampled
 from persid.lyapunov.points import Form, Known, Point, steepness
 from persid.lyapunov.proposals import NEAR, Candidate, feasible, with_gain
-from persid.lyapunov.sectors import RELAXATION, Curve, _directions, _facets, _interior, sizes
+from persid.lyapunov.sectors import RELAXATION, Curve, _directions, sizes
 
 FORMS = 4  # of a curve that hold far out
 SAMPLES = 2000
@@ -159,11 +160,11 @@ def far_forms(curve: Curve, r: float) -> tuple[Known, ...]:
     y, phi, integral = _sampled_once(curve)
     unit, far = sizes(curve), np.abs(y) >= r / _steepest(curve)
     V = _directions((np.sign(y)[:, None] * phi / unit)[far])
-    deepest = _interior(V)
+    deepest = interior(V)
     if not len(V) or (V @ deepest).min() <= 0:
         return ()
-    facets = (_facets(V) + RELAXATION * deepest) / unit
-    found = (_known(y, phi, integral, _short(form)) for form in facets[:FORMS])
+    relaxed = (facets(V) + RELAXATION * deepest) / unit
+    found = (_known(y, phi, integral, _short(form)) for form in relaxed[:FORMS])
     return tuple(each for each in found if each is not None)
 
 
