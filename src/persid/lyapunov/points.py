@@ -4,7 +4,7 @@ A group of channels is a point of the ledger (docs/ledger.md, section 2). Its ro
 dyadic, as files write them. A form is a candidate, seen on samples, until the checker's lemmas prove it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -12,11 +12,16 @@ from itertools import product
 from math import gcd
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from persid._dyadics import is_dyadic
 from persid.lyapunov.integrals import lower_constants, upper_constants
 from persid.lyapunov.sectors import (
     LARGEST_VALUE,
+    LOOSE,
+    RELAXATION,
+    ROUNDING,
     Curve,
     Group,
     Place,
@@ -35,6 +40,7 @@ from persid_check.ledger.lemmas import is_odd
 
 FORMS = 10  # candidates of a curve at most
 FINE = 3000
+ALIKE = 1 - 1e-9  # cosine of the angle between two sums that are one
 _ZERO = Fraction(0)
 Row = dict[int, Fraction]
 Form = tuple[float, ...]
@@ -59,12 +65,16 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A curve at y = row'x with its channels, those with a column that is not zero, and the forms it may use."""
+    """A curve at y = row'x with its channels, those with a column that is not zero, and the forms it may use.
+
+    `sums` are the directions in which the values of its channels enter the equations.
+    """
 
     row: Row
     curve: Curve
     channels: tuple[int, ...]
     forms: tuple[Known, ...]
+    sums: tuple[Form, ...] = ()
 
     def reads(self, form: Form, places: dict[int, int]) -> Row:
         """Return the row of l'Phi over the states and the channels, which have these places."""
@@ -100,7 +110,7 @@ class Point:
     def on(self, reach: tuple[float | Fraction, float | Fraction]) -> "Point":
         """Return the point on a strip lo < y < hi instead, with the forms that hold there."""
         curve = replace(self.curve, domain=(Fraction(reach[0]), Fraction(reach[1])))
-        return replace(self, curve=curve, forms=known(curve))
+        return replace(self, curve=curve, forms=known(curve, self.sums))
 
 
 def points_of(model: PersidskiiModel, place: Place | None) -> tuple[Point, ...]:
@@ -109,7 +119,19 @@ def points_of(model: PersidskiiModel, place: Place | None) -> tuple[Point, ...]:
     for group in groups(model.channels, place):
         if group.channels:
             _, row, curve = written(group)
-            found.append(Point(row, curve, group.channels, known(curve)))
+            sums = directions(model.channels.columns[:, list(group.channels)])
+            found.append(Point(row, curve, group.channels, known(curve), sums))
+    return tuple(found)
+
+
+def directions(columns: Float[ndarray, "n J"]) -> tuple[Form, ...]:
+    """Return the rows of columns, each direction once."""
+    seen, found = list[ndarray](), list[Form]()
+    for row in columns:
+        unit = row / (np.linalg.norm(row) or 1.0)
+        if unit.any() and not any(abs(unit @ other) > ALIKE for other in seen):
+            seen.append(unit)
+            found.append(tuple(row.tolist()))
     return tuple(found)
 
 
@@ -140,12 +162,17 @@ def _stretched(curve: Curve, k: Fraction) -> Curve:
 
 
 @lru_cache(maxsize=4096)
-def known(curve: Curve) -> tuple[Known, ...]:
-    """Return the candidate forms of a curve: its functions, exact facets of the slopes, facets of the values."""
+def known(curve: Curve, sums: tuple[Form, ...] = ()) -> tuple[Known, ...]:
+    """Return the candidate forms of a curve: its functions, exact facets of the slopes, facets of the values.
+
+    Where sums of its functions are given that enter equations, their sectors come first.
+    """
     if curve.fixed:
         return ()
     listed: list[Form] = []
-    for form in (*axes(curve), *sectors_alone(curve), *nondecreasing_pool(curve)[-FORMS // 2 :], *pool(curve)):
+    of_sums = (form for a in sums if np.count_nonzero(a) > 1 for form in sectors_of_sum(curve, a))
+    alone, rising = sectors_alone(curve), nondecreasing_pool(curve)[-FORMS // 2 :]
+    for form in (*of_sums, *axes(curve), *alone, *rising, *pool(curve)):
         if len(listed) < FORMS and not _is_near(form, tuple(listed), sizes(curve)):
             listed.append(form)
     forms = np.array(listed, float).reshape(-1, curve.size)
@@ -156,6 +183,21 @@ def known(curve: Curve) -> tuple[Known, ...]:
     kinds = np.where(rising, "nondecreasing", "sector")
     found = [Known(*each) for each in zip(listed, kinds.tolist(), c.tolist(), d.tolist(), strict=True)]
     return (*found, *(Known(form, "one-signed") for form in one_signed(curve)))
+
+
+def sectors_of_sum(curve: Curve, a: Form) -> Iterator[Form]:
+    """Yield a'f - low y and high y - a'f, the tightest sector of the sum g = a'f and then that of its slopes.
+
+    Of the curve (y, g) the first two are all facets: where functions enter the equations as this sum alone, nothing
+    else of their values counts. Facets in all functions leave gaps about it.
+    """
+    for slopes, room in ((False, RELAXATION), (True, LOOSE)):
+        samples = _samples(curve, FINE, slopes)
+        g = samples[:, 1:] @ np.array(a) / samples[:, 0]
+        low, high = float(g.min()), float(g.max())
+        grid = np.exp2(np.floor(np.log2(max(room * (high - low), ROUNDING * abs(g).max(), 1e-300))))
+        yield (-float(np.floor(low / grid) - 1) * grid, *a)
+        yield (float(np.ceil(high / grid) + 1) * grid, *(-v for v in a))
 
 
 def steepness(curve: Curve, form: Form) -> float:

@@ -30,7 +30,6 @@ from persid.lyapunov.sectors import RELAXATION, Curve, _directions, sizes
 FORMS = 4  # of a curve that hold far out
 SAMPLES = 2000
 MANY = 3  # functions of one argument, from which on their sums in the equations are split, not the functions themselves
-ALIKE = 1 - 1e-9  # cosine of the angle between two sums that are one
 ROOM_OF_SLOPES = 2.0**-8  # of the slopes of a sum far out, by which its sector is wider
 SAFETY = 1 + 1 / 32  # what samples show is made larger by so much, so that few pieces prove it
 LARGEST = 64.0  # a form with a larger c is no density worth having
@@ -98,7 +97,7 @@ def rough_frame(frame: Frame, r: float) -> Rough:
     for point in frame.points:
         at_0 = point.curve.values(np.zeros(1))[0]
         resting = (form for form in point.forms if not float(at_0 @ np.array(form.form)))
-        sums = tuple(_sums(frame, point)) if len(point.channels) >= MANY else ()
+        sums = point.sums if len(point.channels) >= MANY else ()
         far = split_forms(point.curve, sums, r) if sums else far_forms(point.curve, r)
         points.append(replace(point, forms=(*resting, *far)))
     return Rough(frame.model, tuple(points), frame.lone, identities=frame.identities)
@@ -117,17 +116,6 @@ def with_slopes_bounded(point: Point) -> Point:
     forms = [tuple((s * np.eye(len(axis))[0] - axis).tolist()) for s, axis in zip(steepest, axes, strict=True)]
     added = (Known(form, "nondecreasing") for form in forms if form[0] < np.inf and form not in known)
     return replace(point, forms=(*point.forms, *added))
-
-
-def _sums(frame: Frame, point: Point) -> Iterator[Form]:
-    """Return how the values of a point enter the equations, each direction once."""
-    seen = list[ndarray]()
-    for i in range(frame.order):
-        column = np.array([float(frame.model.channels[c].column[i]) for c in point.channels])
-        unit = column / (np.linalg.norm(column) or 1.0)
-        if unit.any() and not any(abs(unit @ other) > ALIKE for other in seen):
-            seen.append(unit)
-            yield tuple(column.tolist())
 
 
 def _steepest(curve: Curve) -> float:
