@@ -38,7 +38,8 @@ from persid.lyapunov.sectors import (
 from persid.models.model import PersidskiiModel
 from persid_check.ledger.lemmas import is_odd
 
-FORMS = 10  # candidates of a curve at most
+FORMS = 10  # candidates of a curve, more where sums and single functions have more
+SUMS = 2  # of its functions that are looked at
 FINE = 3000
 ALIKE = 1 - 1e-9  # cosine of the angle between two sums that are one
 _ZERO = Fraction(0)
@@ -170,10 +171,12 @@ def known(curve: Curve, sums: tuple[Form, ...] = ()) -> tuple[Known, ...]:
     if curve.fixed:
         return ()
     listed: list[Form] = []
-    of_sums = (form for a in sums if np.count_nonzero(a) > 1 for form in sectors_of_sum(curve, a))
+    mixed = [a for a in sums if np.count_nonzero(a) > 1][:SUMS]
+    of_sums = [form for a in mixed for form in sectors_of_sum(curve, a)]
     alone, rising = sectors_alone(curve), nondecreasing_pool(curve)[-FORMS // 2 :]
-    for form in (*of_sums, *axes(curve), *alone, *rising, *pool(curve)):
-        if len(listed) < FORMS and not _is_near(form, tuple(listed), sizes(curve)):
+    most = max(FORMS, len(of_sums) + len(alone))
+    for form in (*of_sums, *alone, *axes(curve), *rising, *pool(curve)):
+        if len(listed) < most and not _is_near(form, tuple(listed), sizes(curve)):
             listed.append(form)
     forms = np.array(listed, float).reshape(-1, curve.size)
     rising = (_samples(curve, FINE, slopes=True) @ forms.T >= 0).all(axis=0)
