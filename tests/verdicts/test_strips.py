@@ -70,3 +70,20 @@ def test_functions_of_one_argument_keep_their_own_bounds_on_narrow_strips() -> N
     certificate = ps.certify(ps.PersidskiiModel([[-0.5]], terms, [[1.0]]), domain="auto").certificate
     assert bounds.is_in_region(certificate.stated, np.array([-0.9]))
     assert not bounds.is_in_region(certificate.stated, np.array([-1.0]))
+
+
+@pytest.mark.parametrize(
+    ("a0", "terms", "end"),
+    [
+        (-1.09, [("deadzone(x)", 1.1, -0.76), ("arctan(x)", 0.6, 0.81), ("exp(x)-1", 0.8, 0.36)], 3.3079),
+        (-0.47, [("cos(x)-1", 1.1, 0.09), ("softsign(x)", 1.8, 0.17), ("x**5", 1.3, 0.09)], 0.9822),
+        (0.25, [("exp(x)-1", 1.6, -0.44), ("x**3", 1.3, 0.54), ("deadzone(x)", 0.8, -0.24)], 0.4581),
+    ],
+)
+def test_sums_of_functions_keep_their_own_sector(a0, terms, end) -> None:
+    """Up to the next place of rest nearly all is certified, whatever each function does apart from their sum."""
+    model = ps.PersidskiiModel([[a0]], [(f, [[s]], [[a]]) for f, s, a in terms], [[1.0]])
+    certificate = ps.certify(model, domain="auto", operating_point=[0.0]).certificate
+    assert bounds.is_in_region(certificate.stated, np.array([0.97 * end]))
+    assert bounds.is_in_region(certificate.stated, np.array([-0.97 * end]))
+    assert not all(bounds.is_in_region(certificate.stated, np.array([s * 1.001 * end])) for s in (1, -1))

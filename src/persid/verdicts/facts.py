@@ -23,7 +23,7 @@ from persid.lyapunov.proposals import Candidate, best_rate, feasible, smallest_g
 from persid.lyapunov.reaching import with_reaches
 from persid.lyapunov.shifted_model import Setting, place
 from persid.lyapunov.solvability import solved
-from persid.lyapunov.strips import Search, enlarged, in_strips, of_linearisation
+from persid.lyapunov.strips import Search, Sublevel, enlarged, in_strips, of_linearisation
 from persid.lyapunov.system import scaling
 from persid.lyapunov.zero_rows import reduced
 from persid.models.descriptor import DescriptorModel
@@ -42,6 +42,7 @@ KEPT = 0.99  # share of the volume that a faster rate has to leave
 COARSE = 20  # bits of coordinates
 PAIRS: tuple[Pairs, ...] = ("states", "degree", "all")
 DENSITIES = 3  # of a point that stand in V where proofs of their integrals are made for strips
+NARROWER = 1 - 1 / 64  # times the widths of strips in which a proof has no margin left
 SEARCHING = 0.7  # share of the time for the widths of strips
 
 
@@ -171,11 +172,23 @@ def by_strips(
         return by_strips(about, frame, None, each, log, outputs)
     if best is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    known = replace(frame, points=tuple(_with_densities_of(best.candidate)))
-    solved_frame = solved(with_proved(known), log.left)
-    if solved_frame is None:
+    found = _proved_in_strips(about, best, slowest, each, log, outputs)
+    if not isinstance(found, Certificate) and log.left() > 0:  # so wide that rounding leaves no margin
+        narrower = search.region(tuple(NARROWER * h for h in search.widths))
+        if narrower is not None:
+            found = _proved_in_strips(about, narrower, slowest, each, log, outputs)
+    return found
+
+
+def _proved_in_strips(
+    about: About, best: Sublevel, slowest: Fraction, each: bool, log: Log, outputs: OutputModel | None
+) -> Certificate | Failure:
+    """Certify a region that was found, with what is proved of the functions in its strips."""
+    known = replace(best.candidate.frame, points=tuple(_with_densities_of(best.candidate)))
+    known_frame = solved(with_proved(known), log.left)
+    if known_frame is None:
         return stopped(Status.TIME if log.left() <= 0 else Status.INFEASIBLE)
-    return _fastest(about, solved_frame, best.volume, slowest, each=each, log=log, outputs=outputs)
+    return _fastest(about, known_frame, best.volume, slowest, each=each, log=log, outputs=outputs)
 
 
 def by_box(about: About, frame: Frame, rate: float | int | None, each: bool, log: Log) -> Certificate | Failure:
