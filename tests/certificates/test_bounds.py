@@ -206,3 +206,13 @@ def test_no_other_word_for_gains() -> None:
     """Gains are joint, or of each input."""
     with pytest.raises(ps.ModelError, match="joint"):
         ps.certify(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), gains="all")
+
+
+def test_V_is_a_number_where_a_function_that_it_does_not_use_has_none() -> None:
+    """Far out, where exp(x) exceeds all floats, V = p x^2 is what it is."""
+    model = ps.PersidskiiModel([[-1.0]], [("0.2*exp(x)", None, [[1.0]])], [[1.0]])
+    certificate = ps.certify(model, domain="auto", time_limit=10).certificate
+    assert not any(part.density[-1] for part in certificate.stated.parts)
+    x = certificate.operating_point + np.array([[1e3], [1.0]])
+    far, near = certificate.V(x)
+    assert far == pytest.approx(1e6 * near, rel=1e-9)

@@ -314,7 +314,8 @@ class Certificate:
             density = [float(v) for v in part.density]
             y, at = dx @ row, float(row @ (point - self.model.x_ref))
             total = total + density[0] * y**2
-            for weight, (c, alpha) in zip(density[1:], part.members, strict=True):
+            weighted = zip(density[1:], part.members, strict=True)
+            for weight, (c, alpha) in ((w, member) for w, member in weighted if w):  # an integral may be infinite
                 f, a = channels.functions[c], float(alpha)
                 start = np.array([a * at])
                 slope = self._subtracted * f.value(start)
