@@ -28,7 +28,7 @@ from persid_check.results import NotProvedError
 from persid_check.search.prover import prove_nondecreasing
 
 GENERATORS = 96  # of a cone, in networks of up to SMALL coefficients
-FEW_GENERATORS = 24  # in larger ones: with 16 a ring with four functions lost half its rate
+FEW_GENERATORS = 64  # in larger ones: with 16 a ring with four functions lost half its rate, with 40 a fortieth
 CANDIDATES = 20  # forms that are tried, the most different ones first
 SMALL = 200_000
 SWEEPS = 400  # of value iteration, at most
