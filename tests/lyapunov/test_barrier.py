@@ -85,3 +85,18 @@ def test_a_multiplier_that_must_be_zero_goes() -> None:
     found = reduced([P, *facts], able=[1])
     assert found is not None
     assert found.unknowns == (P,)
+
+
+def test_no_step_is_made_without_time() -> None:
+    """With no time left the first step is the last one, whether or not a centre is reached, and ends inside."""
+    region = Region([Block(np.zeros((1, 2, 2)), np.eye(2)[:, :, None] * np.eye(2)[:, None])], np.eye(2), 1e3)
+    start, asked = np.array([1e-3, 500.0]), list[float]()
+
+    def left() -> float:
+        asked.append(0.0)
+        return 0.0
+
+    found = minimise(region, np.ones(2), start, left=left)
+    assert len(asked) == 1
+    assert np.isfinite(region.value(found.w))
+    assert not np.array_equal(found.w, start)

@@ -227,7 +227,7 @@ def minimise(
 ) -> Centre:
     """Follow the central path from a strictly feasible start, until the gap is small or a centre is `enough`.
 
-    With no time left it returns what it has.
+    With no time left it returns what it has, a point inside, after a step at least.
     """
     w, size = np.array(start), max(float(np.linalg.norm(objective)), 1e-300)
     theta = 1 / size if theta is None else theta
@@ -246,6 +246,8 @@ def minimise(
         if following is None:
             break
         w = following
+        if left() <= 0:
+            break
     return Centre(w, float(objective @ w), region.order / theta)
 
 
