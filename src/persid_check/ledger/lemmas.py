@@ -148,8 +148,10 @@ class Lemma:
         """A lower bound of q on [a, b], which lies on one side of the centre."""
         sign = 1 if self.kind == "one-signed" else sign  # its quantity is g - g(y*) on both sides
         q, D = self._at(between(a, b), sign)
-        if self.kind in SLOPES or self.kind == "upper":
-            return q.lo
+        return q.lo if self.kind in SLOPES or self.kind == "upper" else self._sharper(q, D, a, b, sign)
+
+    def _sharper(self, q: Interval, D: Interval, a: Fraction, b: Fraction, sign: int):  # type: ignore[no-untyped-def]
+        """The better of the lower end of q = +-g + const and its mean value form, or its value at the lower end."""
         slope = D if sign > 0 else -D
         end = a if slope.lo >= 0 else b if slope.hi <= 0 else (a + b) / 2
         near, _ = self._at(constant(end), sign)
@@ -159,11 +161,10 @@ class Lemma:
 
     def _mean_on(self, a: Fraction, b: Fraction, sign: int):  # type: ignore[no-untyped-def]
         """A lower bound of the mean of q on [a, b]: an offset's by its middle, too, where q has one sign there."""
-        least = self._quantity_on(a, b, sign)
         if self.kind != "offset":
-            return least
+            return self._quantity_on(a, b, sign)
         q, D = self._at(between(a, b), sign)
-        middle, _ = self._at(constant((a + b) / 2), sign)
+        least, (middle, _) = self._sharper(q, D, a, b, sign), self._at(constant((a + b) / 2), sign)
         fallen = middle + D * between((a - b) / 2, (b - a) / 2)
         mean = (middle + constant((b - a) / 8) * (D - D)).lo
         return mean if mean > least and (least >= 0 or q.hi <= 0 or fallen.hi <= 0) else least
