@@ -16,10 +16,17 @@ def outcomes(
     draw: Callable[[random.Random], Sketch], is_stable: Callable[[dict[str, Any]], bool], count: int, seed: int
 ) -> Counter[str]:
     """Count the checker's answers; each accepted ledger must be of a stable model and hold at sampled states."""
+    return answers(lambda choose: solved(draw(choose), ratio=1e3), is_stable, count, seed)
+
+
+def answers(
+    make: Callable[[random.Random], dict[str, Any]], is_true: Callable[[dict[str, Any]], bool], count: int, seed: int
+) -> Counter[str]:
+    """Count the answers to ledgers that are made; each accepted one must be true and hold at sampled states."""
     choose, counts = random.Random(seed), Counter[str]()
     for _ in range(count):
         try:
-            content = solved(draw(choose), ratio=1e3)
+            content = make(choose)
         except Exception as error:  # the solver gives up, or rounding loses the margin
             made = isinstance(error, RoundingError | NotProvedError | FormatError)
             if not made and type(error).__name__ != "SolverError":
@@ -29,7 +36,7 @@ def outcomes(
         answer = check(data(content))
         counts[type(answer).__name__] += 1
         if isinstance(answer, Accepted):
-            assert is_stable(content), content["model"]
+            assert is_true(content), content["model"]
             assert faults(content, samples=60) == [], content["model"]
     print(dict(counts))
     return counts

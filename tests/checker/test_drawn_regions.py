@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from checker.drawn import answers
 from checker.known_steps import bounds_of_region, steps_model
-from checker.ledgers import Sketch, curve, data, model_object, point, solved
-from checker.sampled import Sampled, _strips, faults, number
+from checker.ledgers import Sketch, curve, model_object, point, solved
+from checker.sampled import Sampled, _strips, number
 from persid.certificates.ledger import with_proof
 from persid.errors import RoundingError
-from persid_check import Accepted, check
-from persid_check.results import FormatError, NotProvedError
 
 FUNCTIONS = ("tanh(x)", "sat(x)", "x**3", "sin(x)", "tanh(2*x)", "x-x**3/3", "relu(x)", "x*abs(x)", "softsign(3*x)",
              "pwl(x; -1: -0.5, 0: 0, 0.5: 1, 3: 1.25)", "deadzone(2*x)", "expm1(x)")  # fmt: skip
@@ -84,24 +83,16 @@ def _is_invariant(content: Content, rng: np.random.Generator) -> bool:
     return True
 
 
+def _made(choose: random.Random) -> Content:
+    try:
+        return _smaller(solved(_loop(choose), ratio=1e3))
+    except np.linalg.LinAlgError as error:  # no level of a Pt that is not positive
+        raise RoundingError(str(error)) from error
+
+
 def _regions(count: int, seed: int) -> Counter[str]:
-    choose, rng, counts = random.Random(seed), np.random.default_rng(seed), Counter[str]()
-    for _ in range(count):
-        try:
-            content = _smaller(solved(_loop(choose), ratio=1e3))
-        except Exception as error:  # the solver gives up, or rounding loses the margin
-            made = isinstance(error, RoundingError | NotProvedError | FormatError | np.linalg.LinAlgError)
-            if not made and type(error).__name__ != "SolverError":
-                raise
-            counts["not made"] += 1
-            continue
-        answer = check(data(content))
-        counts[type(answer).__name__] += 1
-        if isinstance(answer, Accepted):
-            assert faults(content, samples=60) == [], content["model"]
-            assert _is_invariant(content, rng), content["model"]
-    print(dict(counts))
-    return counts
+    rng = np.random.default_rng(seed)
+    return answers(_made, lambda content: _is_invariant(content, rng), count, seed)
 
 
 @pytest.mark.long
