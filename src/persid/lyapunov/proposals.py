@@ -37,10 +37,8 @@ FEW = 60  # facts across channels with which a problem is small
 JOINING = 8  # facts, for each state, that may join in one
 START = 0.3  # of the ball of radius 1 in which a margin is sought
 ROOM = 1e4  # times the size of the first point: the ball in which a gain is made small
-INSIDE, ABOVE = (
-    1.2,
-    1.5,
-)  # of what Pt > I needs, and twice that of gamma: a point well inside, where a gain is made small
+INSIDE = 1.2  # times what Pt > I needs: a point well inside, where a gain is made small
+ABOVE = 1.5  # times gamma there, of which a gain begins at twice
 NEAR = 0.02  # of gamma, and so a gain to 1 %
 DENSE = 1000  # unknowns up to which a gain is made small
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)
