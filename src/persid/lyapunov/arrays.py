@@ -1,8 +1,12 @@
 """Where the arrays of the interior-point method live, and the few operations that the array API standard lacks.
 
-The method is written once against the standard; `Arrays` is the seam for the rest: moving in and out, sparse products,
-a Cholesky factorisation that says whether it failed, the inverse of a triangle, and writing to a diagonal. NumPy with
-LAPACK is the default, PyTorch serves a GPU, and any other namespace of the standard does what the standard allows.
+The method is written once against the standard; `Arrays` is the seam for the rest: moving in and out, new arrays on the
+device, sparse products, a Cholesky factorisation that says whether it failed, the inverse of a triangle, and writing to
+a diagonal. NumPy with LAPACK is the default, PyTorch serves a GPU, and any other namespace of the standard does what
+the standard allows.
+
+A device is waited for wherever a number is read. So no loop of the method reads one where it could go on without, and
+no matrix of the inequality's order is moved in a step: tests count both.
 """
 
 import warnings
@@ -48,6 +52,14 @@ class Arrays(Protocol):
         """Return one of these as a host array."""
         ...
 
+    def empty(self, *shape: int) -> Array:
+        """Return room for numbers, made where the arrays live."""
+        ...
+
+    def identity(self, order: int) -> Array:
+        """Return the identity, made where the arrays live."""
+        ...
+
     def sparse(self, M: SparseMatrix) -> Any:
         """Return what gives the product M @ v of a sparse matrix with a vector or a dense matrix."""
         ...
@@ -87,6 +99,12 @@ class Host:
 
     def get(self, a: np.ndarray) -> np.ndarray:
         return a
+
+    def empty(self, *shape: int) -> np.ndarray:
+        return np.empty(shape)
+
+    def identity(self, order: int) -> np.ndarray:
+        return np.eye(order)
 
     def sparse(self, M: SparseMatrix) -> SparseMatrix | np.ndarray:
         return M if M.shape[0] * M.shape[1] > SMALL else M.toarray()
@@ -135,6 +153,12 @@ class Standard:
     def get(self, a: Array) -> np.ndarray:
         return np.asarray(a)
 
+    def empty(self, *shape: int) -> Array:
+        return self.xp.empty(shape, dtype=self.xp.float64, device=self.device)
+
+    def identity(self, order: int) -> Array:
+        return self.xp.eye(order, dtype=self.xp.float64, device=self.device)
+
     def sparse(self, M: SparseMatrix) -> Any:
         return self.put(M.toarray())
 
@@ -159,7 +183,7 @@ class Standard:
         return lambda v: half.T @ (half @ v)
 
     def add_to_diagonal(self, M: Array, v: Array | float) -> Array:
-        return M + v * self.xp.eye(M.shape[0], dtype=M.dtype, device=self.device)
+        return M + v * self.identity(M.shape[0])
 
     def _factor(self, M: Array) -> Array:
         """Return L; LinAlgError where M is not positive definite: then namespaces raise, or return no numbers."""
@@ -175,8 +199,8 @@ class Torch(Standard):
     def __init__(self, device: str) -> None:
         self.torch = library("torch", "gpu")
         try:
-            self.torch.zeros(1, device=device)
-        except (RuntimeError, AssertionError) as error:  # PyTorch raises either
+            self.torch.zeros(1, dtype=self.torch.float64, device=device)
+        except (RuntimeError, AssertionError, TypeError) as error:  # PyTorch raises any, the last without binary64
             raise ModelError(f"no device {device!r} here: {str(error).splitlines()[0]}") from None
         super().__init__(import_module("array_api_compat.torch"), self.torch.device(device))
 
@@ -190,11 +214,13 @@ class Torch(Standard):
             return self.torch.sparse_csr_tensor(*parts, size=rows.shape, check_invariants=False)
 
     def half(self, M: Array) -> Array:
-        identity = self.torch.eye(len(M), dtype=M.dtype, device=self.device)
-        return self.torch.linalg.solve_triangular(self._factor(M), identity, upper=False)
+        return self.torch.linalg.solve_triangular(self._factor(M), self.identity(len(M)), upper=False)
 
     def smallest(self, M: Array) -> float:
-        return float(self.torch.linalg.eigvalsh(M)[0])
+        try:
+            return float(self.torch.linalg.eigvalsh(M)[0])
+        except self.torch.linalg.LinAlgError as error:  # a RuntimeError, not NumPy's
+            raise sla.LinAlgError(str(error)) from None
 
     def solver(self, M: Array) -> Callable[[Array], Array]:
         L = self._factor(M)
@@ -210,8 +236,9 @@ class Torch(Standard):
         return M
 
     def _factor(self, M: Array) -> Array:
+        """Return L; LinAlgError also where M is not finite: not every device reports that, but L ends in NaN then."""
         L, failed = self.torch.linalg.cholesky_ex(M)
-        if int(failed):
+        if not bool((failed == 0) & self.torch.isfinite(L[-1, -1])):
             raise sla.LinAlgError("not positive definite")
         return L
 

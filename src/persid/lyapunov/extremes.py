@@ -18,9 +18,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from persid.lyapunov.inequality import Assembly, Catalogue
-from persid.lyapunov.interior_point import Solution, Status, congruent, maximise
+from persid.lyapunov.interior_point import Solution, Status, maximise
 from persid.lyapunov.iterate import central_iterate, resumed
-from persid.lyapunov.pairs import Problem
+from persid.lyapunov.pairs import Problem, congruent
 from persid.lyapunov.search import JOINING, Outcome, contains, join
 from persid.lyapunov.sectors import Form
 from persid.lyapunov.system import Family, Multipliers
@@ -75,7 +75,7 @@ def largest(
         if left() <= 0 or idle == PATIENCE:
             break
         reached = max(reached, state.t) if settled else reached
-        X = congruent(assembly.problem.C, assembly.problem.arrays.get(state.X))
+        X = congruent(assembly.problem.arrays, assembly.problem.C, state.X)
         grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING), allowed))
         if all(map(contains, assembly.unknowns.families, grown)):
             if settled:

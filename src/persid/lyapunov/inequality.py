@@ -11,7 +11,7 @@ Paper: thm:main_ISS and cor:extension_basis_function are the special cases with 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
+from persid.lyapunov.arrays import Array
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.dual_start import dual_factor
 from persid.lyapunov.iterate import Iterate
@@ -135,8 +136,7 @@ class Catalogue:
     def assembly(self, families: Sequence[Family]) -> Assembly:
         """Return the problem of some of the densities and of products, in families of the same forms."""
         terms = self.terms(families)
-        problem = replace(self._problem(terms), arrays=self.system.arrays)  # prices are found on the host
-        return Assembly(self.unknowns(families, terms), problem)
+        return Assembly(self.unknowns(families, terms), self._problem(terms))
 
     def terms(self, families: Sequence[Family], kept: Sequence[int] = ()) -> Terms:
         """Return the unknowns of a problem as pairs of the rows that they use, and of rows that are `kept` anyway."""
@@ -149,7 +149,7 @@ class Catalogue:
         """Return what the unknowns are, with the way back to multipliers."""
         return Unknowns(self.system, tuple(families), self.target, self.units, terms.sizes, self._order_of_P)
 
-    def prices(self, X: Float[ndarray, "w w"]) -> Prices:
+    def prices(self, X: Float[Array, "w w"]) -> Prices:
         """Return <F, X> of every product and of every density of each group, as unknowns of a problem would have it.
 
         A product, or a density after adding the dual bound m, may help only where its price is negative; forms that
@@ -159,17 +159,28 @@ class Catalogue:
         worth = [np.full(len(family.forms), np.nan) for family in self.families]
         if not names:
             return list(zip(self._product_prices(X), worth, strict=True))
-        for (_, g, k), price in zip(names, pairings(problem, X), strict=True):
+        for (_, g, k), price in zip(names, problem.arrays.get(pairings(problem, X)), strict=True):
             worth[g][k] = price
         return list(zip(self._product_prices(X), worth, strict=True))
 
     def shares(self, state: Iterate) -> Float[ndarray, " g"]:
         """Return the part of <N, X> = 1 on the entries that each group reads: where margins are small it is large."""
-        diagonal = np.diag(state.problem.arrays.get(state.X))  # blocks of entries keep their places in z = C w
+        of = state.problem.arrays
+        diagonal = of.get(of.xp.linalg.diagonal(state.X))  # blocks of entries keep their places in z = C w
         return np.array([diagonal[at].sum() for _, _, _, at in self._forms])
 
-    def _product_prices(self, X: ndarray) -> list[ndarray]:
-        return [2 * rows @ X[np.ix_(at, at)] @ rows.T for _, _, rows, at in self._forms]
+    def _product_prices(self, X: Array) -> list[ndarray]:
+        of, (places, ends) = self.system.arrays, self._blocks
+        blocks = np.split(of.get(of.xp.take(of.xp.reshape(X, (-1,)), places)), ends)[:-1]
+        parts = zip(self._forms, blocks, strict=True)
+        return [2 * rows @ block.reshape(len(at), len(at)) @ rows.T for (_, _, rows, at), block in parts]
+
+    @cached_property
+    def _blocks(self) -> tuple[Array, Int[ndarray, " e"]]:
+        """Where the entries of X that groups read stand, where the arrays live, and where those of each group end."""
+        places = [(at[:, None] * self.width + at).ravel() for _, _, _, at in self._forms]
+        ends = np.cumsum([len(each) for each in places], dtype=int)
+        return self.system.arrays.put(np.concatenate([np.zeros(0, int), *places])), ends
 
     @cached_property
     def _all_densities(self) -> tuple[list[Label], Problem]:
@@ -366,6 +377,7 @@ class Catalogue:
             C=self._factor,
             symmetric=self._order_of_P,
             tie=terms.tie,
+            arrays=self.system.arrays,
         )
 
 

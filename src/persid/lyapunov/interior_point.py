@@ -33,8 +33,9 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
 
+from persid.lyapunov.arrays import Array
 from persid.lyapunov.iterate import Iterate, Step, first_iterate, resumed, step
-from persid.lyapunov.pairs import Problem
+from persid.lyapunov.pairs import Problem, congruent
 
 ITERATIONS = 80
 NOISE = 1e-12  # of the first distance of the bounds: a margin below it is not told from zero
@@ -56,11 +57,11 @@ class Status(Enum):
 class Fence(Protocol):
     """Unknowns outside a problem whose prices are to stay positive; X is in the coordinates of the problem given."""
 
-    def bound(self, X: Float[ndarray, "N N"]) -> float:
+    def bound(self, X: Float[Array, "N N"]) -> float:
         """Return the least m for which no price at X is negative."""
         ...
 
-    def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
+    def share(self, here: tuple[Float[Array, "N N"], float], there: tuple[Float[Array, "N N"], float]) -> float:
         """Return the share of a step between two (X, m) that may be taken; 1 where nothing blocks it."""
         ...
 
@@ -102,13 +103,18 @@ class Solution:
     @cached_property
     def X(self) -> Float[ndarray, "N N"]:
         """The dual matrix, in the coordinates of the problem given."""
-        return congruent(self.C, self.last.problem.arrays.get(self.last.X))
+        return self.last.problem.arrays.get(self.here[0])
 
     @property
-    def aim(self) -> tuple[Float[ndarray, "N N"], float]:
-        """The dual matrix, in these coordinates, and m where the last step would have gone without a fence."""
+    def here(self) -> tuple[Float[Array, "N N"], float]:
+        """The dual matrix, in these coordinates and where the arrays live, and m."""
+        return congruent(self.last.problem.arrays, self.C, self.last.X), self.last.m
+
+    @property
+    def aim(self) -> tuple[Float[Array, "N N"], float]:
+        """The same where the last step would have gone without a fence."""
         X, m = (self.last.X, self.last.m) if self.step is None else self.step.end
-        return congruent(self.C, self.last.problem.arrays.get(X)), m
+        return congruent(self.last.problem.arrays, self.C, X), m
 
 
 def solve(
@@ -129,7 +135,7 @@ def solve(
     it is BLOCKED after a step that `fence` shortened.
     """
     if start is None:
-        least = 0.0 if fence is None else fence.bound(problem.X / problem.order)
+        least = 0.0 if fence is None else fence.bound(problem.arrays.put(problem.X / problem.order))
         state = first_iterate(problem.whitened(), least)
         first = state.m - state.t
     else:
@@ -192,13 +198,8 @@ def maximise(
     return state, steps
 
 
-def _limit(fence: Fence, state: Iterate, C: sparse.csr_array) -> Callable[[ndarray, float], float]:
+def _limit(fence: Fence, state: Iterate, C: sparse.csr_array) -> Callable[[Array, float], float]:
     """Return the fence as a step sees it, in the coordinates of the iterates."""
-    get = state.problem.arrays.get
-    here = congruent(C, get(state.X)), state.m
-    return lambda X, m: fence.share(here, (congruent(C, get(X)), m))
-
-
-def congruent(C: sparse.csr_array, X: Float[ndarray, "N N"]) -> Float[ndarray, "N N"]:
-    """Return C X C' for a symmetric X."""
-    return np.asarray(C @ np.ascontiguousarray((C @ X).T))
+    of = state.problem.arrays
+    here = congruent(of, C, state.X), state.m
+    return lambda X, m: fence.share(here, (congruent(of, C, X), m))

@@ -5,7 +5,7 @@ The symbols are those of `interior_point`, in coordinates in which X0 = I.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import ModuleType
 
 import numpy as np
@@ -21,6 +21,7 @@ SHORT = 1e-7  # a longer one at least, in X or in y, else the method has come to
 LEAST = 1e-6  # share to which a predicted step may lower mu: with its square the step aims at a centre
 CLOSELY, ROUGHLY = 0.02, 0.2  # relative errors of the way to the boundary, in a step and in its prediction
 LANCZOS_ORDER = 64  # from which the way to the boundary comes from Lanczos' method
+NOTHING_NEW, TINY = 1e-12, 1e-300  # lengths of new vectors there: what follows is rounding, and what divides by zero
 ROUNDING = 1e-14  # of its size: a price that is negative by less counts as zero
 RIDGE = 1e-13  # added to the unit diagonal of the Schur complement; the next step corrects what it changes
 JOINING_SHARE = 0.5  # of the way to the boundary that unknowns go which join; also x_k over its size for a bad price
@@ -105,7 +106,7 @@ def first_iterate(problem: Problem, least: float = 0.0) -> Iterate:
     """Strictly feasible, nearly central, m > least: X = I / order; U, x, m to match; y = mu / x, P = mu U^-1."""
     of, free, k, c = problem.arrays, problem.free, problem.symmetric, problem.costs[problem.free :]
     xp = of.xp
-    X = of.put(np.eye(problem.order) / problem.order)
+    X = of.identity(problem.order) / problem.order
     paired = pairings(problem, X)
     W = problem.triangle.dual(paired[:free])  # U = W + m I solves <F_k, X> - <E_k, U> + m c_k = 0
     lacking = xp.where(c > 0, -paired[free:] / xp.where(c > 0, c, 1.0), 0.0)
@@ -347,21 +348,36 @@ def _smallest(of: Arrays, M: Array, tolerance: float, half: Array | None = None)
 def _lanczos_smallest(
     of: Arrays, product: Callable[[Array], Array], order: int, tolerance: float, steps: int = 30
 ) -> float:
-    """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002)."""
-    xp, alphas, betas = of.xp, np.zeros(steps), np.zeros(steps)
-    v = np.random.default_rng(0).normal(size=order)
-    Q = of.put(np.zeros((steps + 1, order)))
-    Q[0, :] = of.put(v / np.linalg.norm(v))
+    """Return a lower estimate of the smallest eigenvalue: the Ritz value less its residual (Toh 2002).
+
+    The tridiagonal matrix, T[0] beside T[1], stays where the arrays live and is looked at in every third step.
+    """
+    T, Q = of.empty(2, steps), of.empty(steps + 1, order)
+    Q[0, :] = of.put(_start(order))
     for k in range(steps):
-        w, known = product(Q[k, :]), Q[: k + 1, :]
-        alphas[k] = of.inner(w, Q[k, :])
+        known, w = Q[: k + 1, :], product(Q[k, :])
+        overlaps = known @ w
+        w = w - known.T @ overlaps
         w = w - known.T @ (known @ w)
-        w = w - known.T @ (known @ w)
-        betas[k] = float(xp.linalg.vector_norm(w))
-        if k % 3 == 2 or k == steps - 1 or betas[k] < 1e-12:
-            values, vectors, _ = sla.lapack.dstev(alphas[: k + 1], betas[: max(k, 1)])
-            residual = betas[k] * abs(vectors[-1, 0])
-            if residual <= tolerance * abs(values[0]) + 1e-9:
+        norm = of.xp.linalg.vector_norm(w)
+        T[0, k], T[1, k] = overlaps[k], norm
+        if k % 3 == 2 or k == steps - 1:
+            value, residual = _ritz(*of.get(T[:, : k + 1]))
+            if residual <= tolerance * abs(value) + 1e-9:
                 break
-        Q[k + 1, :] = w / betas[k]
-    return float(values[0] - residual)
+        Q[k + 1, :] = w / (norm + TINY)
+    return value - residual
+
+
+@lru_cache(maxsize=64)
+def _start(order: int) -> Float[ndarray, " N"]:
+    v = np.random.default_rng(0).normal(size=order)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def _ritz(alphas: Float[ndarray, " k"], betas: Float[ndarray, " k"]) -> tuple[float, float]:
+    """Return the smallest Ritz value and its residual, from as many steps as led to something new."""
+    ended = np.flatnonzero(betas < NOTHING_NEW)
+    size = int(ended[0]) + 1 if len(ended) else len(betas)
+    values, vectors, _ = sla.lapack.dstev(alphas[:size], betas[: max(size - 1, 1)])
+    return float(values[0]), float(betas[size - 1] * abs(vectors[-1, 0]))

@@ -141,7 +141,7 @@ class Problem:
     @cached_property
     def _square(self) -> Array:
         """Room for the Schur complement: new pages for every step would cost a tenth of the time."""
-        return self.arrays.put(np.empty((len(self.p), len(self.p))))
+        return self.arrays.empty(len(self.p), len(self.p))
 
     @cached_property
     def _inside(self) -> tuple[Array, Array]:
@@ -168,6 +168,12 @@ class Problem:
         place = np.repeat((self.q[pairs] - rows) * N, np.diff(left.indptr)) + left.indices
         weights = sparse.csc_array((left.data, place, left.indptr), shape=(len(self.H) * N, len(pairs)))
         return (self.arrays.put(pairs), self.arrays.sparse(weights)) if len(pairs) else None
+
+
+def congruent(of: Arrays, C: sparse.csr_array, X: Float[Array, "N N"]) -> Float[Array, "N N"]:
+    """Return C X C' for a symmetric X, where it lives."""
+    factor = of.sparse(C)
+    return factor @ of.xp.asarray((factor @ X).T, copy=True)
 
 
 @lru_cache(maxsize=64)

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from persid.lyapunov.arrays import Array
 from persid.lyapunov.inequality import Assembly, Catalogue
 from persid.lyapunov.interior_point import ITERATIONS, Solution, Status, solve
 from persid.lyapunov.sectors import Curve, Group
@@ -90,7 +91,7 @@ def search(
             progress(f"round {count}: {size} unknowns, {solution.steps} iterations, {solution.status.name}")
         if solution.status not in (FREE if fence is None else FENCED):
             break
-        X, m = (solution.X, solution.last.m) if fence is None else solution.aim
+        X, m = solution.here if fence is None else solution.aim
         prices = whole.prices(X)
         grown = tuple(map(join, assembly.unknowns.families, prices, repeat(m), repeat(joining)))
         if few and fence is None:
@@ -112,11 +113,11 @@ class PoolFence:
 
     whole: Catalogue
 
-    def bound(self, X: Float[ndarray, "N N"]) -> float:
+    def bound(self, X: Float[Array, "N N"]) -> float:
         """Return the least m for which no price at X is negative."""
         return max((-float(np.nanmin(worth, initial=0.0)) for _, worth in self.whole.prices(X)), default=0.0)
 
-    def share(self, here: tuple[Float[ndarray, "N N"], float], there: tuple[Float[ndarray, "N N"], float]) -> float:
+    def share(self, here: tuple[Float[Array, "N N"], float], there: tuple[Float[Array, "N N"], float]) -> float:
         """Return the share of a step between two (X, m) that stays well inside the cone."""
         share = 1.0
         for old, new in zip(self.whole.prices(here[0]), self.whole.prices(there[0]), strict=True):
