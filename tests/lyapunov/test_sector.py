@@ -8,6 +8,7 @@ import pytest
 from persid.lyapunov.sectors import (
     POOL_SIZE,
     Curve,
+    axes,
     groups,
     nondecreasing_pool,
     pool,
@@ -71,6 +72,16 @@ def test_false_form_is_not_proved() -> None:
     c = curve("x**3", "sinh(x)")
     assert not c.proves((0.0, -0.3712, 1.0))
     assert c.proves((0.0, -0.37, 1.0))
+
+
+def test_a_dip_below_zero_between_samples_costs_a_little_room() -> None:
+    """sin x + tanh 2x falls to -1e-8 where no sample is: no candidate, but with a little x it is one, and proved."""
+    dips = curve("sin(x) + tanh(2*x)")
+    assert (0.0, 1.0) not in axes(dips)
+    lower = [form for form in pool(dips) if form[1] > 0]
+    assert lower
+    assert all(0 < form[0] < 1e-3 * form[1] and dips.proves(form) for form in lower)
+    assert (0.0, 1.0) in axes(curve("x*(1 + cos(x))"))  # it only touches zero, which is proved
 
 
 def test_pool_holds_what_dominates() -> None:

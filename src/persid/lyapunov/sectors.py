@@ -6,13 +6,13 @@ sign(y) phi(y), so the sharpest ones are the facets of its conic hull. They are 
 a little, rounded to dyadic rationals, and believed only when `persid_check` has proved them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from persid.lyapunov.cones import facets, interior
@@ -29,6 +29,8 @@ RELAXATION = 2.0**-13  # how far a facet is moved outward, relative to the form 
 ROUNDING = 2.0**-20
 HULL_SAMPLES = {1: 10, 2: 400, 3: 400, 4: 400, 5: 120, 6: 40}  # by dimension: the number of facets grows with a power
 FINE_SAMPLES = 3000
+TOUCHING = 1e-5  # of a unit vector: a form that dips so low between samples counts as one that touches zero
+FLAT = 1e-12  # and a dip that is less deep than this as rounding
 NEAR_INTEGER = 1e-4  # a sampled slope so near to an integer is taken for it, before it is proved
 STEEP = 1e6  # a sampled slope beyond this has no bound
 SIZE_BITS = 100  # sizes beyond 2^+-100, as of softplus at -700, would overflow in products
@@ -165,6 +167,11 @@ def groups(channels: Channels, place: Place | None = None) -> tuple[Group, ...]:
 
 def _samples(curve: Curve, count: int, slopes: bool) -> Float[ndarray, "N d"]:
     """Sample sign(y) phi(y), or the slopes phi'(y), at `count` points on either side of 0, densely in log |y|."""
+    return np.vstack(_sides(curve, count, slopes))
+
+
+def _sides(curve: Curve, count: int, slopes: bool) -> list[Float[ndarray, "_ d"]]:
+    """Return the samples of each side, outward."""
     low, high = (1e8, 1e8) if curve.domain is None else (-float(curve.domain[0]), float(curve.domain[1]))
     sides = []
     for sign, end in ((1.0, high), (-1.0, low)):
@@ -177,7 +184,22 @@ def _samples(curve: Curve, count: int, slopes: bool) -> Float[ndarray, "N d"]:
                 break
             end = abs(float(y[np.flatnonzero(usable)[-1]]))
         sides.append(phi[usable])
-    return np.vstack(sides)
+    return sides
+
+
+def _touching(sides: Sequence[Float[ndarray, "_ d"]], L: Float[ndarray, "K d"]) -> Bool[ndarray, " K"]:
+    """Return which forms dip to about zero between samples, by the parabola through the lowest of three.
+
+    What dips to zero may dip below where no sample is, and intervals about such a place show nothing.
+    """
+    found = np.zeros(len(L), bool)
+    for side in sides:
+        heights = _directions(side) @ L.T
+        fall, rise = heights[:-2] - heights[1:-1], heights[2:] - heights[1:-1]
+        dips = (fall > FLAT) & (rise > FLAT)
+        lowest = heights[1:-1] - (rise - fall) ** 2 / (8 * np.where(dips, rise + fall, 1.0))
+        found |= (dips & (lowest < TOUCHING)).any(axis=0)
+    return found
 
 
 @lru_cache(maxsize=512)
@@ -322,8 +344,10 @@ def _rounded(slope: float, rounding: np.ufunc) -> float:
 @lru_cache(maxsize=512)
 def axes(curve: Curve) -> tuple[tuple[float, ...], ...]:
     """Return the functions of a curve, and y, that look like sector functions themselves: the paper's only forms."""
-    samples = _samples(curve, FINE_SAMPLES, False)
-    return tuple(tuple(row) for row in np.eye(curve.size)[(samples >= 0).all(axis=0)].tolist())
+    sides, alone = _sides(curve, FINE_SAMPLES, False), np.eye(curve.size)
+    doubted = _touching([side / sizes(curve) for side in sides], alone)
+    found = alone[np.min(np.vstack(sides), axis=0) >= 0].tolist()
+    return tuple(tuple(row) for row in found if not doubted[row.index(1.0)] or curve.proves(row))
 
 
 @lru_cache(maxsize=512)
@@ -343,7 +367,8 @@ def sectors_alone(curve: Curve) -> tuple[tuple[float, ...], ...]:
 def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[float, ...], ...]:
     unit = sizes(curve)
     samples = HULL_SAMPLES[min(curve.size, 6)], FINE_SAMPLES
-    V, fine = (_directions(_samples(curve, number, slopes) / unit) for number in samples)
+    coarse_sides, sides = ([side / unit for side in _sides(curve, number, slopes)] for number in samples)
+    V, fine = _directions(np.vstack(coarse_sides)), _directions(np.vstack(sides))
     deepest = interior(V)
     depth = fine @ deepest
     if not len(V) or depth.min() <= 0:
@@ -356,7 +381,10 @@ def _relaxed_facets(curve: Curve, count: int, *, slopes: bool) -> tuple[tuple[fl
     L = L + (1.25 * lack + (LOOSE if slopes else RELAXATION))[:, None] * deepest
     L = np.round(L / ROUNDING) * ROUNDING
     sparse = np.where(np.abs(L) < 16 * RELAXATION, 0.0, L)
-    L = np.where(np.min(fine @ sparse.T, axis=0)[:, None] >= 0, sparse, L)  # x**3 rather than x**3 + 1e-4 x
+    holds = np.min(fine @ sparse.T, axis=0) >= 0
+    for k in np.flatnonzero(holds & _touching(sides, sparse)):
+        holds[k] = not slopes and curve.proves(sparse[k] / unit)
+    L = np.where(holds[:, None], sparse, L)  # x**3 rather than x**3 + 1e-4 x
     L = L[(fine @ L.T >= 0).all(axis=0)]
     return tuple(tuple(float(c) for c in row) for row in np.unique(L, axis=0)[_first_seen(L)] / unit)
 
