@@ -56,6 +56,47 @@ def test_a_process_that_dies_is_one_failure(monkeypatch: pytest.MonkeyPatch) -> 
     assert "died" in str(answers[1])
 
 
+def process(model: Any, question: Any) -> Any:
+    """Name the process that works on a model; one model kills it."""
+    if model == "bad":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return batches.Failed(f"{model} in {os.getpid()}")
+
+
+@pytest.mark.long
+def test_a_long_batch_goes_on_together_where_a_process_dies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a process was killed few models have one of their own: a batch of many costs hardly more."""
+    monkeypatch.setattr(batches, "_decide", process)
+    models = [*range(30), "bad", *range(31, 60)]
+    words = [str(answer) for answer in ps.certify_many(models, jobs=2)]
+    assert "died" in words.pop(30)
+    assert [word.split()[1] for word in words] == [str(model) for model in models if model != "bad"]
+    assert len({word.split()[-1] for word in words}) <= 8
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+def test_a_lost_worker_of_a_cluster_is_survived() -> None:
+    """Where a worker of Dask is killed its models are decided again by the others, and the order is kept."""
+    distributed = pytest.importorskip("distributed")
+    models = [STABLE, UNSTABLE] * 6
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        ) as local,
+        distributed.Client(local) as client,
+    ):
+        pids = list(client.run(os.getpid).values())
+
+        def kill(line: str) -> None:
+            if line.startswith("deciding: 2 "):
+                os.kill(pids[0], signal.SIGKILL)
+
+        answers = ps.certify_many(models, engine=client, progress=kill, time_limit=ENDLESS)
+        assert pids[0] not in client.run(os.getpid).values()
+    assert names(answers) == ["Certified", "Refuted"] * 6
+
+
 def test_an_interruption_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     """After Ctrl-C the answers there are stand, and the other models are Undecided, interrupted."""
     calls: list[Any] = []

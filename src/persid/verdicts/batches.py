@@ -124,15 +124,20 @@ def _here(models: list[Subject], question: AskedAtRate) -> Numbered:
 
 
 def _in_processes(models: list[Subject], question: AskedAtRate, jobs: int) -> Numbered:
-    """Decide in processes; where one dies, those without an answer go on one by one, each in a process of its own."""
+    """Decide in processes; where one dies, the next models go on each in a process of its own, then all together.
+
+    Models are begun in their order, so those that were at work are the first without an answer, but for a few whose
+    answers were lost on the way.
+    """
     left = dict(enumerate(models))
-    for k, answer in _pooled(left, question, min(jobs, len(left))):
-        if answer is not None:
-            del left[k]
-            yield k, answer
-    for k, model in left.items():
-        for _, answer in _pooled({k: model}, question, 1):
-            yield k, answer or Failed("the process that worked on it died (killed, or out of memory)")
+    while left:
+        for k, answer in _pooled(left, question, min(jobs, len(left))):
+            if answer is not None:
+                del left[k]
+                yield k, answer
+        for k in list(left)[: jobs + 1]:
+            for _, answer in _pooled({k: left.pop(k)}, question, 1):
+                yield k, answer or Failed("the process that worked on it died (killed, or out of memory)")
 
 
 def _pooled(models: dict[int, Subject], question: AskedAtRate, jobs: int) -> Iterator[tuple[int, Answer | None]]:
