@@ -7,9 +7,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy import sparse
 
 from persid._dyadics import SLACK, _floor, rounded
 from persid.errors import RoundingError
+from persid.lyapunov.arrays import HOST, SMALL
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.inequality import Assembly
 from persid.lyapunov.sectors import Curve
@@ -17,6 +19,7 @@ from persid.lyapunov.system import Family, System
 from persid.lyapunov.unknowns import Unknowns
 
 NEGLIGIBLE = (1e-2, 1e-3, 1e-5, 1e-8)  # unknowns below such a share of the largest are tried as zeros
+SMALLEST = 1e-13  # eigenvalue, in units in which the diagonal is 1, from which a matrix is taken for positive definite
 LOSS = 1.005  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
 
 
@@ -67,13 +70,16 @@ class Lyapunov:
         E = np.zeros((self.system.entries, self.system.n))
         E[: len(self.system.states)] = self.P[list(self.system.states)]
         for group, part in zip(self.system.groups, self.chosen, strict=True):
-            E += np.outer(part.mu @ self.system.lift(group, part.forms), group.row)
+            at, rows = self.system.lines(group, part.forms)
+            reads = np.flatnonzero(group.row)
+            E[np.ix_(at, reads)] += np.outer(part.mu @ rows, group.row[reads])
         return E
 
     @cached_property
     def rise(self) -> Float[ndarray, "N N"]:
         """The form V' = 2 z'E G z without inputs, or V(x+) - V(x) = z'G'P G z - x'P x in discrete time."""
-        EG = self.E @ self.system.G
+        E = self.E if self.E.size <= SMALL else sparse.csr_array(self.E)  # a handful of entries in a row
+        EG = E @ self.system.G
         if not self.system.discrete:
             return np.asarray(EG + EG.T)
         step = self.system.G.T @ self.P @ self.system.G
@@ -100,15 +106,16 @@ class Lyapunov:
             k = len(self.system.states)
             total[:k, :k] -= self.kappa * self.P[np.ix_(self.system.states, self.system.states)]
         for group, part in zip(self.system.groups, self.chosen, strict=True):
-            rows = self.system.lift(group, part.forms)
+            at, rows = self.system.lines(group, part.forms)
             T = np.zeros((len(rows), len(rows)))
             for k, j, tau in part.products:
                 T[k, j] = T[j, k] = tau
-            total -= rows.T @ T @ rows
+            own = rows.T @ T @ rows
             if self.kappa:
-                y = self.system.lift(group, np.eye(1, group.curve.size))[0]
+                (y,) = self.system.lines(group, np.eye(1, group.curve.size))[1]
                 weight = (part.mu * np.nan_to_num(part.upper)) @ rows
-                total -= self.kappa * (np.outer(y, weight) + np.outer(weight, y))
+                own += self.kappa * (np.outer(y, weight) + np.outer(weight, y))
+            total[np.ix_(at, at)] -= own
         return total
 
     @cached_property
@@ -232,4 +239,4 @@ def _is_positive(M: ndarray) -> bool:
     if not (diagonal > 0).all():
         return False
     scale = 1 / np.sqrt(diagonal)
-    return not len(M) or bool(np.linalg.eigvalsh(scale[:, None] * M * scale)[0] > 1e-13)
+    return not len(M) or HOST.is_positive(HOST.add_to_diagonal(scale[:, None] * M * scale, -SMALLEST))

@@ -49,13 +49,6 @@ class System:
         """The entry of z of each channel that has one."""
         return {c: len(self.states) + k for k, c in enumerate(self.channels)}
 
-    def lift(self, group: Group, forms: Float[ndarray, "K d"]) -> Float[ndarray, "K N"]:
-        """Return the rows l'N_g of forms of a group."""
-        at, rows = self.lines(group, forms)
-        lifted = np.zeros((len(forms), self.entries))
-        lifted[:, at] = rows
-        return lifted
-
     def lines(self, group: Group, forms: Float[ndarray, "K d"]) -> tuple[Int[ndarray, " e"], Float[ndarray, "K e"]]:
         """Return the entries of z that forms of a group read, in order, and the rows l'N_g there."""
         row = group.row[list(self.states)]
