@@ -223,7 +223,7 @@ def _by_forms(asked: Question, setting: Setting, log: Log) -> Certified | Failur
                 continue
             log.best = lambda answer=answer: answer
             rated = None if sketches else _rated(asked, setting, full_P, log)
-            rated = rated or Certified(answer, tuple(log.attempts))
+            rated = Certified(answer, tuple(log.attempts)) if rated is None else rated
         return _with_margin(asked, setting, rated, log)
     return failure
 
