@@ -42,10 +42,11 @@ class Digits:
         while (found := next(given, None)) is not None or carry.any():
             if found is not None:
                 carry += found
-            part = ((carry + HALF) & ((1 << BITS) - 1)) - HALF
-            carry -= part
-            carry >>= BITS
-            parts.append(part.astype(np.int32))
+            carry += HALF
+            part = (carry & ((1 << BITS) - 1)).astype(np.int32)
+            part -= HALF
+            carry >>= BITS  # (carry - part) / 2**21 of the carry that was
+            parts.append(part)
         return cls(shape, parts)
 
     @classmethod
@@ -356,20 +357,23 @@ def _times(A: Array, vector: Array) -> Array:
 
 def of_numbers(rows: Sequence[Sequence[Fraction | int | float]], width: int) -> tuple[Digits, int] | None:
     """Return integers or binary64 numbers as digits and their common power of two, None where one is neither."""
-    shape = (len(rows), width)
-    if all(set(map(type, row)) == {int} for row in rows):
+    shape, kinds = (len(rows), width), set().union(*(map(type, row) for row in rows))
+    if kinds <= {int}:
         return Digits.of_integers(shape, [int(v) for row in rows for v in row]), 0
     try:
         values = np.array([list(map(float, row)) for row in rows], float).reshape(shape)
     except OverflowError:
         return None
-    if not np.isfinite(values).all():
+    if not np.isfinite(values).all() or (kinds != {float} and not _are_exact(rows, values)):
         return None
-    for row, floats in zip(rows, values.tolist(), strict=True):
-        if any(v.as_integer_ratio() != f.as_integer_ratio() for v, f in zip(row, floats, strict=True)):
-            return None
     exponent = places_of(values)
     return Digits.of_floats(values, exponent), exponent
+
+
+def _are_exact(rows: Sequence[Sequence[Fraction | int | float]], values: Array) -> bool:
+    """Whether numbers are those in floating point."""
+    pairs = (pair for row, floats in zip(rows, values.tolist(), strict=True) for pair in zip(row, floats, strict=True))
+    return all(v.as_integer_ratio() == f.as_integer_ratio() for v, f in pairs)
 
 
 def places_of(values: Array) -> int:

@@ -98,17 +98,18 @@ class Entry:
 
     def binary64(self) -> float:
         """Return the number of a text as float.hex() writes it."""
-        number = _binary64(self.value)
-        if math.isnan(number):
-            self.refuse(f"{str(self.value)[:40]!r} is not a finite number as float.hex() writes it")
-        return number
+        found = _numbers([self.value])
+        return (
+            found[0]
+            if found
+            else self.refuse(f"{str(self.value)[:40]!r} is not a finite number as float.hex() writes it")
+        )
 
     def vector(self, size: int) -> list[float]:
         """Return so many numbers of a model."""
-        numbers = list(map(_binary64, self._listed(size)))
-        for i in (i for i, number in enumerate(numbers) if math.isnan(number)):
-            Entry(self.value[i], i, self).binary64()  # which refuses it
-        return numbers
+        listed = self._listed(size)
+        numbers = _numbers(listed)
+        return [item.binary64() for item in self.items()] if numbers is None else numbers
 
     def matrix(self, height: int, width: int) -> list[list[float]]:
         """Return rows of such numbers."""
@@ -186,10 +187,10 @@ def dyadic(mantissa: int, exponent: int) -> Fraction:
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
-def _binary64(text: Any) -> float:
-    """Return the number that float.hex() writes as this text, NaN where there is none; zero has no sign."""
+def _numbers(texts: Sequence[Any]) -> list[float] | None:
+    """Return the numbers that float.hex() writes as these texts, None where one is not finite; zero has no sign."""
     try:
-        number = float.fromhex(text)
+        numbers = [float.fromhex(text) + 0.0 for text in texts]
     except (TypeError, ValueError, OverflowError):
-        return math.nan
-    return number if math.isfinite(number) and (number + 0.0).hex() == text else math.nan
+        return None
+    return numbers if all(map(math.isfinite, numbers)) and [x.hex() for x in numbers] == texts else None

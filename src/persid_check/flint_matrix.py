@@ -13,9 +13,10 @@ MAX_EXPONENT = 5000  # of the common power of two; binary64 numbers need 1074
 MAX_WORK = 10**12  # size**3 times bits of one matrix product
 FREE_WORK = 10**6  # size**3 of a product that is small whatever its bits
 TOO_LARGE = "a matrix product is too large: fewer bits or fewer entries are needed, or NumPy, if it is not installed"
-LARGE = 2**16  # entries from which a matrix is held by digits
+LARGE = 2**12  # entries from which a matrix is held by digits
 
 Number = Fraction | int | float
+_ZERO = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,12 @@ class Matrix:
         """Return the submatrix of some rows and columns."""
         flat = [self.entries[i, j] for i in rows for j in columns]
         return Matrix(fmpz_mat(len(rows), len(columns), flat), self.exponent)
+
+    @property
+    def rows(self) -> tuple[tuple[Fraction, ...], ...]:
+        """All entries."""
+        scale = 1 << self.exponent
+        return tuple(tuple(Fraction(int(v), scale) if v else _ZERO for v in row) for row in self.flint.table())
 
     def entry(self, i: int, j: int) -> Fraction:
         """Return one entry."""

@@ -6,12 +6,13 @@ come after the states, the last rows of the right side are equations: zero, inst
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 
 from persid_check.entry import Entry, Row
-from persid_check.exact import matrix
+from persid_check.exact import Matrix, blocks, diagonal, matrix
 from persid_check.expression import Program, is_linear
 
 FORMAT = "persid-model-1"
@@ -36,6 +37,7 @@ class Channel:
 class Model:
     """A model with its linear terms merged into A0, exactly; every number stands for itself, no rounding.
 
+    `linear` is A0 as one matrix.
     `dt` is the length of a step in s in discrete time, None in continuous time. `algebraic` is how many of the
     variables, the last ones, are algebraic: their rows are equations.
     """
@@ -44,7 +46,7 @@ class Model:
     inputs: tuple[str, ...]
     x_ref: tuple[Fraction, ...]
     u_ref: tuple[Fraction, ...]
-    A0: tuple[tuple[Fraction, ...], ...]
+    linear: Matrix
     channels: tuple[Channel, ...]
     B: tuple[tuple[float, ...], ...]
     b: tuple[float | Fraction, ...]
@@ -66,8 +68,17 @@ class Model:
         """The model whose right side is zero where this one rests: x+ - x in discrete time, else itself."""
         if not self.is_discrete:
             return self
-        A0 = tuple(tuple(a - (i == j) for j, a in enumerate(row)) for i, row in enumerate(self.A0))
-        return replace(self, A0=A0, dt=None)
+        return replace(self, linear=self.linear + -diagonal([1] * self.n), dt=None)
+
+    @cached_property
+    def A0(self) -> tuple[tuple[Fraction, ...], ...]:
+        """The rows of A0."""
+        return self.linear.rows
+
+    @property
+    def flow(self) -> Matrix:
+        """G = [A0, all a_c]."""
+        return blocks([[self.linear, matrix([channel.column for channel in self.channels], self.n).T]])
 
     @property
     def n(self) -> int:
@@ -111,14 +122,13 @@ def read_model(entry: Entry, *, discrete: bool = False, algebraic: bool = False)
         given["time"].refuse("nothing of this kind is proved of a model in discrete time")
     if given["domain"].value is not None:  # where data were, which no proof uses
         given["domain"].matrix(n, 2)
-    A0 = [[Fraction(value) for value in row] for row in given["A0"].matrix(n, n)]
-    channels = _merged(A0, _channels(given["terms"], n))
+    linear, channels = _merged(matrix(given["A0"].matrix(n, n), n), list(_channels(given["terms"], n)))
     return Model(
         states=tuple(names),
         inputs=tuple(inputs),
         x_ref=tuple(map(Fraction, given["x_ref"].vector(n))),
         u_ref=tuple(map(Fraction, given["u_ref"].vector(m))),
-        A0=tuple(map(tuple, A0)),
+        linear=linear,
         channels=channels,
         B=tuple(map(tuple, given["B"].matrix(n, m))),
         b=tuple(given["b"].vector(n)),
@@ -182,12 +192,10 @@ def _nonzero(row: list[float]) -> Row:
     return {j: Fraction(value) for j, value in enumerate(row) if value}
 
 
-def _merged(A0: list[list[Fraction]], channels: Iterable[Channel]) -> tuple[Channel, ...]:
-    """Add the terms f = x to A0, by one product of exact matrices, and return the others."""
-    n, listed = len(A0), list(channels)
-    linear = [channel for channel in listed if is_linear(channel.program)]
+def _merged(A0: Matrix, channels: Sequence[Channel]) -> tuple[Matrix, tuple[Channel, ...]]:
+    """Return A0 with the terms f = x added, by one product of exact matrices, and the other terms."""
+    n, linear = A0.width, [channel for channel in channels if is_linear(channel.program)]
     if linear:
         R = matrix([[channel.row.get(j, 0) for j in range(n)] for channel in linear], n)
-        total = matrix(A0, n) + matrix([channel.column for channel in linear], n).T * R
-        A0[:] = [[Fraction(int(v), 1 << total.exponent) for v in row] for row in total.flint.table()]
-    return tuple(channel for channel in listed if not is_linear(channel.program))
+        A0 += matrix([channel.column for channel in linear], n).T * R
+    return A0, tuple(channel for channel in channels if not is_linear(channel.program))

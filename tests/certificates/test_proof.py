@@ -7,7 +7,8 @@ import pytest
 
 from persid._dyadics import dyadic, dyadics, rounded, value
 from persid.certificates.certificate import Certificate
-from persid.certificates.encoding import factor
+from persid.certificates.encoding import factor, root
+from persid.certificates.ledger import definite
 from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov.interior_point import Status, solve
@@ -16,6 +17,8 @@ from persid.lyapunov.search import search
 from persid.lyapunov.shifted_model import Setting
 from persid.models.model import PersidskiiModel
 from persid.verdicts.checking import load_certificate
+from persid_check.definite import is_positive_definite
+from persid_check.exact import matrix
 from problems import BY_NAME
 from random_problems import random_assembly
 
@@ -96,3 +99,16 @@ def test_factor_nearly_diagonalises() -> None:
     np.testing.assert_allclose(product * scale * scale[:, None], np.eye(6), atol=1e-2)
     with pytest.raises(RoundingError):
         factor(np.diag([1.0, -1.0]))
+
+
+def test_a_large_matrix_has_a_factor_where_it_has_no_root() -> None:
+    """With an eigenvalue of 1e-13 a matrix of 70 rows has no root of short numbers; its factor proves it."""
+    rng, eigenvalues = np.random.default_rng(0), np.array([1e-13] + [1.0] * 69)
+    Q = np.linalg.qr(rng.normal(size=(70, 70)))[0]
+    M = (Q * eigenvalues) @ Q.T + Q @ (eigenvalues[:, None] * Q.T)
+    with pytest.raises(RoundingError):
+        root(M)
+    proof = definite(matrix(M.tolist(), 70))
+    assert isinstance(proof, list)
+    assert is_positive_definite(M.tolist(), proof)
+    assert isinstance(definite(matrix((M + np.eye(70)).tolist(), 70)), dict)

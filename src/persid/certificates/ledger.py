@@ -22,6 +22,7 @@ from persid_check.ledger.values import Ledger
 
 BOUNDING = 1e12  # how well the factor of the bound of V is known: bounds of rows lose about so little by it
 ELIMINATED = 40  # rows of a matrix that is eliminated in fractions
+FACTORED = 256  # rows of a matrix that has a factor where it has no root
 
 
 def draft(
@@ -65,8 +66,8 @@ def with_proof(draft: Json) -> Json:
     lower = matrices.Pt + diagonal([-ledger.p] * n + [0] * len(values))
     bounding = ledger.claim == "region" or ledger.outputs is not None
     proof = {
-        "P": _proved(lower.kept(*[states + values] * 2)),
-        "M": _proved(matrices.M.kept(kept, kept)),
+        "P": definite(lower.kept(*[states + values] * 2)),
+        "M": definite(matrices.M.kept(kept, kept)),
         "V": factor(floats(matrices.Pt), BOUNDING) if bounding else None,
     }
     return draft | {"proof": proof} | _with_algebraic(draft, ledger, matrices)
@@ -89,19 +90,20 @@ def _with_algebraic(draft: Json, ledger: Ledger, matrices: Assembly) -> Json:
     return {"algebraic": found}
 
 
-def _proved(M: Matrix) -> list[list[int]] | Json:
-    """Return what proves a matrix positive definite; by elimination in fractions what floating point does not bear."""
-    try:
-        return shortest(floats(M))
-    except RoundingError:
-        if M.height > ELIMINATED:
-            raise
-        return eliminated(M.flint)
+def definite(M: Matrix) -> list[list[int]] | Json:
+    """Return what proves a matrix positive definite: of a large one a root, which is shorter, else a factor.
 
-
-def shortest(M: np.ndarray) -> list[list[int]] | Json:
-    """Return what proves a matrix positive definite: a factor of a small one, a root of a large one."""
-    return root(M) if is_large(*M.shape) else factor(M)
+    A small one that floating point does not bear is eliminated in fractions.
+    """
+    error = RoundingError("a matrix of the proof is too large")
+    for make in [root] * is_large(*M.shape) + [factor] * (M.height <= FACTORED):
+        try:
+            return make(floats(M))
+        except RoundingError as failed:
+            error = failed
+    if M.height > ELIMINATED:
+        raise error
+    return eliminated(M.flint)
 
 
 def floats(M: Matrix) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from persid_check.entry import Lower
-from persid_check.exact import Matrix, Number, beside, blocks, diagonal, matrix, mirrored, placed, scattered, zeros
+from persid_check.exact import Matrix, beside, blocks, diagonal, matrix, mirrored, placed, scattered, zeros
 from persid_check.ledger.identities import form_of_identity
 from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.results import NotProvedError
@@ -122,14 +122,9 @@ def flow_matrix(ledger: Ledger) -> Matrix:
     """Return G = [A0, all a_c, B, L]: x' = G zeta, in discrete time x+ = G zeta; its last rows may be equations."""
     model = ledger.model
     columns = [row for deviation in ledger.deviations for row in deviation.columns]
-    lines: list[list[Number]] = []
-    for i in range(model.n):
-        constant = [model.b[i]] if ledger.counts_b else []
-        lines.append([
-            *model.A0[i], *(channel.column[i] for channel in model.channels), *model.B[i], *constant,
-            *(column.get(i, _ZERO) for column in columns),
-        ])  # fmt: skip
-    return matrix(lines, ledger.entries + ledger.inputs + len(columns))
+    known = [(*row, b) if ledger.counts_b else row for row, b in zip(model.B, model.b, strict=True)]
+    unknown = [[column.get(i, _ZERO) for column in columns] for i in range(model.n)]
+    return blocks([[model.flow, matrix(known, ledger.inputs), matrix(unknown, len(columns))]])
 
 
 def _gradient(ledger: Ledger, P: Matrix, rows: Sequence[Row], z: Sequence[int]) -> Matrix:

@@ -7,8 +7,7 @@ A certificate needs Q < 0 on the entries kept, where Q = sum of generators times
 from fractions import Fraction
 
 from persid_check.definite import is_positive_definite
-from persid_check.exact import Matrix, Number, matrix
-from persid_check.model import Model
+from persid_check.exact import Matrix, matrix
 from persid_check.refutations import sentences
 from persid_check.refutations.format import Forms, Obstruction
 from persid_check.results import NotProvedError
@@ -23,7 +22,7 @@ def prove_obstruction(claim: Obstruction) -> tuple[str, tuple[str, ...]]:
         if not prove_continuous(((channel.program, Fraction(1)),)):
             raise NotProvedError(f"channel {c}", "no proof that its function is continuous on R")
     L = matrix(claim.L, len(claim.L[0]))
-    GL = flow_matrix(model) * L
+    GL = model.flow * L
     _lyapunov_matrix(claim, GL, L.kept(range(model.n), range(L.width)))
     _forms(claim, GL, L)
     return sentences.infeasibility(claim), sentences.infeasibility_steps(claim)
@@ -61,10 +60,3 @@ def _rows(group: Group, forms: Forms) -> Matrix:
     y = (Fraction(1), *[Fraction(0)] * len(group.members))
     rows = [[*(form[0] * r for r in group.row.values()), *form[1:]] for form in (y, *forms)]
     return matrix(rows, len(group.row) + len(group.members))
-
-
-def flow_matrix(model: Model) -> Matrix:
-    """Return G = [A0, all a_c]."""
-    columns = [channel.column for channel in model.channels]
-    rows: list[list[Number]] = [[*line, *(column[i] for column in columns)] for i, line in enumerate(model.A0)]
-    return matrix(rows, model.n + len(columns))

@@ -7,7 +7,7 @@ from fractions import Fraction
 from persid_check.definite import is_positive_definite
 from persid_check.enclosure import Interval, UndefinedError, constant, value
 from persid_check.equilibrium import ball, flow, has_unique_equilibrium, jacobian
-from persid_check.exact import Matrix, diagonal, matrix
+from persid_check.exact import Matrix, blocks, diagonal, matrix, zeros
 from persid_check.expression import Program
 from persid_check.flint_matrix import MAX_EXPONENT
 from persid_check.model import Channel, Model
@@ -49,12 +49,12 @@ def _curve(channel: Channel) -> Curve:
 
 def _held(model: Model, x: Sequence[Fraction]) -> Model:
     """The model whose states stay at those of x: it rests where its equations hold there."""
-    n, zero = model.order, (0.0,) * model.order
-    unit = tuple(tuple(Fraction(i == j) for j in range(model.n)) for i in range(n))
+    n, zero, places = model.order, (0.0,) * model.order, range(model.n)
+    linear = blocks([[diagonal([1] * n), zeros(n, model.algebraic)], [model.linear.kept(places[n:], places)]])
     channels = tuple(replace(channel, column=(*zero, *channel.column[n:])) for channel in model.channels)
     B = (*[(0.0,) * model.m] * n, *model.B[n:])
     b = (*(model.x_ref[i] - x[i] for i in range(n)), *model.b[n:])
-    return replace(model, A0=(*unit, *model.A0[n:]), channels=channels, B=B, b=b)
+    return replace(model, linear=linear, channels=channels, B=B, b=b)
 
 
 def _two_solutions(claim: Refutation) -> None:

@@ -33,7 +33,7 @@ def assemble(claim: Stability) -> Inequality:
     """Return the matrices of a claim; W belongs to V <= z'W z, with the constants c_k of the file."""
     model, groups, proofs = claim.subject.model, claim.subject.groups, claim.groups
     P = lyapunov_matrix(claim)
-    G = flow_matrix(model)
+    G = model.flow
     E = gradient_matrix(model, groups, P, [density(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
     S = quadratic_form(model, groups, [_products(proof, len(g.members)) for proof, g in _pairs(proofs, groups)])
     EG = E * G
@@ -60,13 +60,6 @@ def gamma_matrix(claim: Stability) -> Matrix:
 def _symmetric(lower: Lower) -> Matrix:
     size = range(len(lower))
     return matrix([[lower[max(i, j)][min(i, j)] for j in size] for i in size], len(size))
-
-
-def flow_matrix(model: Model) -> Matrix:
-    """Return G = [A0, all a_c]."""
-    columns = [channel.column for channel in model.channels]
-    rows: list[list[Number]] = [[*line, *(column[i] for column in columns)] for i, line in enumerate(model.A0)]
-    return matrix(rows, model.n + len(columns))
 
 
 def input_columns(claim: Stability) -> Matrix:
