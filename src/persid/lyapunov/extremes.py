@@ -54,7 +54,8 @@ def largest(
 ) -> Extreme | None:
     """Return the largest t, from multipliers at which the inequality holds strictly with t; None where it does not.
 
-    `fixed` is the unknown that is fixed, `families` are those of the multipliers. No others than these `forms` join.
+    `fixed` is the unknown that is fixed, `families` are those of the multipliers. Others than these `forms` join only
+    where much depends on them.
     """
     assembly = whole.assembly(families)
     place = assembly.unknowns.labels.index(fixed)
@@ -64,7 +65,7 @@ def largest(
     except sla.LinAlgError:
         return None
     curves = [group.curve for group in whole.system.groups]
-    allowed = [None if forms is None else [k for of, k in forms if of == curve] for curve in curves]
+    known = [None if forms is None else [k for of, k in forms if of == curve] for curve in curves]
     steps, rounds, idle, reached, best = 0, 0, 0, -np.inf, (assembly, state)
     while rounds < ROUNDS:
         state, taken = maximise(state, close=CLOSE, fall=FALL, left=left)
@@ -76,7 +77,7 @@ def largest(
             break
         reached = max(reached, state.t) if settled else reached
         X = congruent(assembly.problem.arrays, assembly.problem.C, state.X)
-        grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING), allowed))
+        grown = tuple(map(join, assembly.unknowns.families, whole.prices(X), repeat(0.0), repeat(JOINING), known))
         if all(map(contains, assembly.unknowns.families, grown)):
             if settled:
                 break

@@ -23,6 +23,9 @@ SMALLEST = 1e-13  # eigenvalue, in units in which the diagonal is 1, from which 
 LOSS = 1.005  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
 
 
+Used = tuple[Curve, frozenset[tuple[float, ...]]]  # a form of a curve, or the product of two
+
+
 @dataclass(frozen=True, eq=False)
 class Chosen:
     """The part of a group's family that a certificate uses: forms with mu, c and d, and products (k, l, tau)."""
@@ -59,10 +62,14 @@ class Lyapunov:
     s: Float[ndarray, " d"] = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def forms(self) -> set[tuple[Curve, tuple[float, ...]]]:
-        """The forms in use, each with its curve."""
-        parts = zip(self.system.groups, self.chosen, strict=True)
-        return {(group.curve, tuple(form)) for group, part in parts for form in part.forms.tolist()}
+    def used(self) -> set[Used]:
+        """The forms and the products in use, each with its curve."""
+        found = set[Used]()
+        for group, part in zip(self.system.groups, self.chosen, strict=True):
+            forms = [tuple(form) for form in part.forms.tolist()]
+            found |= {(group.curve, frozenset([form])) for form in forms}
+            found |= {(group.curve, frozenset([forms[k], forms[j]])) for k, j, _ in part.products}
+        return found
 
     @cached_property
     def E(self) -> Float[ndarray, "N n"]:

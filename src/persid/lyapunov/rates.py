@@ -1,6 +1,6 @@
 """Rates and gains: the best kappa by bisection, then the smallest gain at a chosen share of it."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -14,7 +14,7 @@ from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import lyapunov_function
 from persid.lyapunov.search import Outcome, catalogue, search
 from persid.lyapunov.sectors import Curve, Form
-from persid.lyapunov.system import System, Target
+from persid.lyapunov.system import Family, System, Target
 
 STEPS = 8  # bisections of the rate, and of the gain
 
@@ -34,11 +34,10 @@ class Question:
     deviations: tuple[Deviation, ...] = ()  # of the plants that are meant, none: the model alone
 
     def ask(
-        self, kappa: float, ratio: float | None, start: Outcome | None, left: Callable[[], float]
+        self, kappa: float, ratio: float | None, families: Sequence[Family] | None, left: Callable[[], float]
     ) -> Outcome | None:
-        """Return a feasible outcome for a rate and a ratio gamma / p, or None."""
+        """Return a feasible outcome for a rate and a ratio gamma / p, or None; the search begins with `families`."""
         target = Target(kappa, ratio, self.shape, self.upper if kappa else {}, self.lower, self.deviations)
-        families = None if start is None else start.assembly.unknowns.families
         found = search(self.system, self.pools, full_P=self.full, target=target, families=families, time_limit=left())
         if found.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
@@ -55,9 +54,11 @@ def best_rate(question: Question, fastest: float, left: Callable[[], float]) -> 
 
     `fastest` bounds kappa from above: twice the decay rate of the linearisation.
     """
-    return largest_rate(
-        lambda trial, best: question.ask(trial, None, best, left), fastest, left, first=0.9, fall=0.3, near=1.05
-    )
+
+    def ask(trial: float, best: Outcome | None) -> Outcome | None:
+        return question.ask(trial, None, best.families if best else None, left)
+
+    return largest_rate(ask, fastest, left, first=0.9, fall=0.3, near=1.05)
 
 
 def largest_rate(
@@ -98,10 +99,10 @@ def smallest_gain(
 ) -> Outcome | None:
     """Return an outcome of a rate (kappa, 1/s) whose ratio gamma / p is within 2 % of the smallest, its gain in 1 %.
 
-    The search for any gain at this rate begins with the forms of `start`; without time that is what is returned. No
-    others than these `forms` join.
+    The search for any gain at this rate begins with the forms of `start`; without time that is what is returned.
+    Others than these `forms` join only where much depends on them.
     """
-    any_gain = start if kappa(start) == rate else question.ask(rate, None, start, left)
+    any_gain = start if kappa(start) == rate else question.ask(rate, None, start.families, left)
     if any_gain is None or not question.system.B.shape[1]:  # without inputs no gain
         return any_gain
     ratio, p = attained(question, any_gain)

@@ -31,6 +31,7 @@ FIRST_FORMS = 4  # forms of a pool that the search begins with
 MORE_FORMS = 10  # where that stalls: another start is another path, and few stall twice
 JOINING = 4  # products, and half as many densities, that may join a group in one round
 FEW_FORMS, FEW = 3, 1  # of a broad system each begins so, and FEW join: time grows with their cube
+STRANGE = 1.6  # a price below -this, twice a cosine, at which forms join that no proof has used
 HEAVY = 0.3  # of the mean share of X: of many groups those with less do not decide the margin, and nothing joins them
 FALL = 0.1  # share to which mu falls in a free round,
 FEW_FALL = 0.3  # and where few join: the nearer mu is to zero, the shorter are the steps after unknowns have joined
@@ -51,6 +52,11 @@ class Outcome:
     steps: int
 
     @property
+    def families(self) -> tuple[Family, ...]:
+        """The forms that have joined, of each group."""
+        return self.assembly.unknowns.families
+
+    @property
     def status(self) -> Status:
         """Why the search stopped; a search that is still blocked after its last round has stalled."""
         return Status.STALLED if self.solution.status is Status.BLOCKED else self.solution.status
@@ -62,15 +68,16 @@ def search(
     *,
     full_P: bool = False,
     target: Target | None = None,
-    families: tuple[Family, ...] | None = None,
+    families: Sequence[Family] | None = None,
     first: int | None = None,
     time_limit: float = np.inf,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
     """Find multipliers with positive margin, or a dual matrix against every form and product of the pools.
 
-    `families` is the choice to begin with, such as that of an earlier outcome for the same pools; without it the search
-    begins with the `first` forms of every pool: by default four, or three of many groups where no rate is asked for.
+    `families` is the choice to begin with, such as that of an earlier outcome for the same pools, of which those in V
+    stay that the rate allows; without it the search begins with the `first` forms of every pool: by default four, or
+    three of many groups where no rate is asked for.
     """
     started, target = time.perf_counter(), target or Target()
     if target.kappa and len(system.states) < system.n:
@@ -79,6 +86,7 @@ def search(
     begin, joining, share = (FEW_FORMS, FEW, FEW_FALL) if few else (FIRST_FORMS, JOINING, FALL)
     if families is None:
         families = tuple(_first(system, group, pools[group.curve], target, first or begin) for group in system.groups)
+    families = tuple(_allowed(*each, target) for each in zip(system.groups, families, strict=True))
     whole = catalogue(system, families, full_P, target)
     assembly, start, fence, steps = whole.assembly(families), None, None, 0
     for count in range(1, ROUNDS + 1):
@@ -136,6 +144,11 @@ def catalogue(system: System, families: Sequence[Family], full_P: bool, target: 
     return Catalogue(system, allowed, full_P=full_P, target=target)
 
 
+def _allowed(group: Group, family: Family, target: Target) -> Family:
+    rated = _rated(group, family.forms, target)
+    return Family(family.forms, tuple(k for k in family.densities if k in rated), family.products)
+
+
 def _rated(group: Group, forms: ndarray, target: Target) -> tuple[int, ...]:
     if not target.kappa:
         return tuple(range(len(forms)))
@@ -168,12 +181,12 @@ def contains(old: Family, new: Family) -> bool:
 
 def join(
     family: Family, prices: tuple[Float[ndarray, "K K"], Float[ndarray, " K"]], bound: float, most: int = JOINING,
-    allowed: Collection[int] | None = None,
+    known: Collection[int] | None = None,
 ) -> Family:  # fmt: skip
     """Return a family with the products, at most `most`, and half as many densities that the dual matrix prices lowest.
 
-    They are of forms that are `allowed`. A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation,
-    which no choice of units can change.
+    A price is divided by the lengths sqrt(l'N X N'l) of its rows: a correlation, which no choice of units can change.
+    Where forms are `known`, others join only at a price far below zero.
     """
     price, worth = prices
     length = np.sqrt(0.5 * np.diag(price))
@@ -181,9 +194,10 @@ def join(
     price[np.tril_indices(len(price))] = np.inf
     price[tuple(np.array(family.products, int).reshape(-1, 2).T)] = np.inf
     worth[list(family.densities)] = np.inf
-    if allowed is not None:
-        others = np.isin(np.arange(len(worth)), list(allowed), invert=True)
-        price[others], price[:, others], worth[others] = np.inf, np.inf, np.inf
+    if known is not None:
+        others = np.isin(np.arange(len(worth)), list(known), invert=True)
+        price += STRANGE * (others | others[:, None])
+        worth += STRANGE * others
     k, j = np.unravel_index(np.argsort(price, axis=None)[:most], price.shape)
     products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
     densities = [int(k) for k in np.argsort(worth)[: (most + 1) // 2] if worth[k] < 0]

@@ -11,6 +11,7 @@ from numpy import ndarray
 from persid.lyapunov import decay
 from persid.lyapunov.arrays import HOST, Arrays
 from persid.lyapunov.integrals import lower_constants, upper_constants
+from persid.lyapunov.multipliers import Used
 from persid.lyapunov.operating_points import OperatingPoint
 from persid.lyapunov.own_functions import lacking, own_functions
 from persid.lyapunov.sectors import (
@@ -22,7 +23,7 @@ from persid.lyapunov.sectors import (
     nondecreasing_pool,
     pool,
 )
-from persid.lyapunov.system import System, system
+from persid.lyapunov.system import Family, System, system
 from persid.models.model import PersidskiiModel
 from persid_check.search.prover import prove_continuous
 
@@ -95,14 +96,17 @@ class Setting:
                 setting = setting.without(curve, k)
         return setting
 
-    def places(self, forms: Collection[tuple[Curve, tuple[float, ...]]]) -> list[tuple[Curve, int]]:
-        """Return the places in the pools of those forms that stand there."""
-        return [
-            (curve, k)
-            for curve, listed in self.pools.items()
-            for k, form in enumerate(listed.tolist())
-            if (curve, tuple(form)) in forms
-        ]
+    def families(self, used: Collection[Used]) -> tuple[Family, ...]:
+        """Return the families of forms and products in use, as far as they stand in the pools; any form may be in V."""
+        found = []
+        for group in self.found:
+            forms = self.pools[group.curve]
+            places = {tuple(form): k for k, form in enumerate(forms.tolist())}
+            known = sorted(sorted(places[form] for form in one) for curve, one in used
+                           if curve == group.curve and one <= places.keys())  # fmt: skip
+            products = tuple((one[0], one[1]) for one in known if len(one) == 2)
+            found.append(Family(forms, tuple(one[0] for one in known if len(one) == 1), products))
+        return tuple(found)
 
     @property
     def units(self) -> Float[ndarray, " m"]:

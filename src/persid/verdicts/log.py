@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from persid.certificates.certificate import Certificate
-from persid.lyapunov.multipliers import Lyapunov
-from persid.lyapunov.sectors import Curve
+from persid.lyapunov.multipliers import Lyapunov, Used
 from persid.verdicts.failures import Failure
 from persid.verdicts.verdict import Attempt
 
@@ -25,7 +24,7 @@ class Log:
     attempts: list[Attempt] = field(default_factory=list)
     best: Callable[[], Certificate | Failure] | None = None  # proves what an interruption leaves
     fastest: Callable[[], Lyapunov] | None = None  # returns that of the best rate that was found
-    used: set[tuple[Curve, tuple[float, ...]]] = field(default_factory=set)  # the forms of the proofs so far
+    used: set[Used] = field(default_factory=set)  # the forms and products of the proofs so far
     began: float = field(default_factory=lambda: time.perf_counter())
 
     def left(self) -> float:

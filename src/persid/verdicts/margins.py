@@ -90,14 +90,15 @@ def question_of(setting: Setting, deviations: tuple[Deviation, ...] = ()) -> Que
 def slowly(setting: Setting, rates: Sequence[float], deviations: tuple[Deviation, ...], log: Log) -> Lyapunov | Failure:
     """Return a Lyapunov function of all plants within deviations, with the first of the rates that is found, and gain.
 
-    A rate of 0 asks for V' < 0 alone. Near the largest margin hardly a form can go where the gain is the smallest:
-    first those go that the rate can spare, for a little of it, then the gain is made small with the others.
+    A rate of 0 asks for V' < 0 alone. The search begins with what earlier proofs used, which mostly is enough. Near the
+    largest margin hardly a form can go where the gain is the smallest: first those go that the rate can spare, for a
+    little of it, then the gain is made small with the others.
     """
-    question = question_of(setting, deviations)
+    question, families = question_of(setting, deviations), setting.families(log.used)
+    known = [(group.curve, k) for group, family in zip(setting.found, families, strict=True) for k in family.used]
     for rate in rates:
-        found = question.ask(rate, None, None, log.left)
+        found = question.ask(rate, None, families if known else None, log.left)
         if found is not None:
-            known = setting.places(log.used)
             few = shortened(found, log, known=known)
             best = (smallest_gain(question, kappa(few), few, log.left, {*known, *in_use(few)}) if rate else None) or few
             return choose(best.assembly, best.solution.y, setting.lower)

@@ -66,7 +66,7 @@ def _of_states(certificate: Certificate, rows: tuple[Deviation, ...], log: Log) 
 
     def ask(rho: float, best: tuple[float, Outcome] | None) -> tuple[float, Outcome] | None:
         near = replace(question, deviations=_times(rows, rho))
-        found = near.ask(0.0, None, None if best is None else best[1], log.left)
+        found = near.ask(0.0, None, None if best is None else best[1].families, log.left)
         return None if found is None else (rho, found)
 
     try:

@@ -55,7 +55,7 @@ def settled(
             if not dropped:
                 log.progress("checking in exact arithmetic")
                 certificate = prove(setting.model, found, setting.point, setting.box, outputs)
-                log.used |= found.forms
+                log.used |= found.used
                 return certificate, setting
         except RejectedError as error:
             if isinstance(found, Lyapunov) and not grows(setting, found):
@@ -180,7 +180,7 @@ def _rated(question: Question, setting: Setting, rate: float | int | None, log: 
     best = best_rate(question, setting.fastest, log.left)
     asked = decay.loss(ABOVE * (rate or 0.0), setting.model.dt)
     if (0.0 if best is None else kappa(best)) < asked <= setting.fastest:  # bisection has left a few percent
-        best = question.ask(asked, None, best, log.left) or best
+        best = question.ask(asked, None, best.families if best else None, log.left) or best
     if best is None:
         return None
     aim = min(max(decay.gentle(kappa(best), setting.model.dt), asked), kappa(best))
