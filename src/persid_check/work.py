@@ -4,9 +4,10 @@ A step is one instruction of a program run on one interval (an expansion counts 
 twice counts once; the answer depends on the file alone.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from fractions import Fraction
 from functools import partial, wraps
 from hashlib import sha256
 from typing import Any, ParamSpec, TypeVar
@@ -18,6 +19,7 @@ STEPS_OF_A_BYTE = 16
 MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
 MOST_OF_A_BYTE = 8
 SEARCHED = 100  # steps of a byte of a file without partitions: they are sought
+BITS_OF_A_STEP = 512  # of the factors of a product of fractions
 KNOWN = 8192  # proofs that a process remembers, each with its steps: files of one model share lemmas
 
 _Key = ParamSpec("_Key")
@@ -60,6 +62,14 @@ def spend(steps: int) -> None:
         current.spent += steps
         if current.spent > current.limit:
             raise NotProvedError("file", "its proof takes too many steps: fewer or simpler forms are needed")
+
+
+def spend_products(count: int, *factors: Iterable[Fraction]) -> None:
+    """Count so many products of fractions, each with a factor of every kind: one of long numbers counts as several."""
+    bits = sum(
+        max((v.numerator.bit_length() + v.denominator.bit_length() for v in kind), default=0) for kind in factors
+    )
+    spend(count * (1 + bits // BITS_OF_A_STEP))
 
 
 def once(proof: Callable[_Key, _Answer]) -> Callable[_Key, _Answer]:

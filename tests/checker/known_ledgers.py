@@ -13,7 +13,6 @@ from checker.ledgers import Sketch, curve, draft, model_object, number, point, s
 from checker.translated import as_ledger
 from persid.certificates.ledger import with_proof
 from persid_check.ledger.file import read_ledger
-from persid_check.ledger.theorem import centre
 
 Certificate = dict[str, Any]
 TANH = [("tanh(x)", 1)]
@@ -113,8 +112,8 @@ def ball() -> Certificate:
     """About the ball of an equilibrium, each curve with the ball of its own centres in place of any."""
     content = as_ledger(named.load("g_ball"))
     ledger = read_ledger(content)
-    for one in ledger.points:
-        content["curves"][one.curve]["shift"] = [number(part) for part in centre(ledger, one)]
+    for p, one in enumerate(ledger.points):
+        content["curves"][one.curve]["shift"] = [number(part) for part in ledger.centre(p)]
     return content
 
 

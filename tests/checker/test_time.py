@@ -103,6 +103,41 @@ def many_points() -> Content:
     return with_proof(draft(sketch) | {"P": {"lower": [[[1, 0]]]}, "gamma": [1, 0], "dropped": [1]})
 
 
+def long_products() -> Content:
+    """2,000 facts, each the product of two rows of 120 numbers of 2,040 bits: 2.7 million products."""
+    draw = random.Random(0)
+    long = [((0, *[0] * 120), "nondecreasing")] * 2
+    model = model_object([("2*x", [[1.0]] * 120, [[0.0] * 120])], [[-1.0]])
+    content = draft(
+        Sketch(model, [curve([("2*x", 1)] * 120, *long)], [point(0, {0: 1}, [*range(120)], [])], [("value", 0, 0, 1)])
+    )
+    for form in content["curves"][0]["forms"]:
+        form["l"] = [[1, 0]] + [_long(draw) for _ in range(120)]
+    content["facts"]["value"] = [[0, 0, 1, [1, 0]]] * 2000
+    content["gamma"] = [1, 0]
+    return content
+
+
+def many_centres() -> Content:
+    """4,000 differences of points whose centres are sums of 100 products of numbers of 2,040 bits; all points rest."""
+    draw, line = random.Random(0), curve([], ((1,), "nondecreasing"), shift="any")
+    content = draft(Sketch(model_object([], [[0.0] * 100] * 100, [[]] * 100, n=100), [line], [], [], full=False))
+    content["points"] = [point(0, {}, [], []) | {"row": [[i, _long(draw)] for i in range(100)]}] * 2
+    content["facts"]["difference"] = [[0, 1, -1, 0, 0, [0, 0]]] * 4000
+    content["gamma"] = [1, 0]
+    return content | {"operating_point": {"x": [_long(draw) for _ in range(100)], "radius": [0, 0], "u": []}}
+
+
+def short_functions() -> Content:
+    """80,000 pieces of 100 functions that are x itself: what is done with each counts, not its instruction alone."""
+    content = draft(
+        Sketch(model_object([], [[-1.0]]), [curve([("x", 1)] * 100, ((1, *[1] * 100), "nondecreasing"))], [], [])
+    )
+    content["curves"][0]["forms"][0]["cuts"] = [-20, list(range(-40_000, 40_000))]
+    content["gamma"] = [1, 0]
+    return content
+
+
 def _long(draw: random.Random) -> list[int]:
     return [draw.getrandbits(2040) | 1, -draw.randrange(2000)]
 
@@ -114,11 +149,25 @@ def _long(draw: random.Random) -> list[int]:
         (one_hash, Accepted),
         (long_forms, Rejected),
         (many_strips, Rejected),
+        (many_centres, Rejected),
+        pytest.param(long_products, Rejected, marks=pytest.mark.long),
+        pytest.param(short_functions, Rejected, marks=pytest.mark.long),
         pytest.param(many_points, Rejected, marks=pytest.mark.long),
         pytest.param(long_tails, Rejected, marks=pytest.mark.long),
         pytest.param(long_pieces, Rejected, marks=pytest.mark.long),
     ],
-    ids=["inputs", "hashes", "long_forms", "strips", "points", "long_tails", "long_pieces"],
+    ids=[
+        "inputs",
+        "hashes",
+        "long_forms",
+        "strips",
+        "centres",
+        "long_products",
+        "short_functions",
+        "points",
+        "long_tails",
+        "long_pieces",
+    ],
 )
 def test_no_file_takes_long(content: Callable[[], Content], answer: type) -> None:
     """Of 60 to 500 kB each."""

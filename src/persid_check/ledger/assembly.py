@@ -15,7 +15,7 @@ from persid_check.exact import Matrix, beside, blocks, diagonal, matrix, mirrore
 from persid_check.ledger.identities import form_of_identity
 from persid_check.ledger.values import Fact, Ledger, Row
 from persid_check.results import NotProvedError
-from persid_check.work import spend
+from persid_check.work import spend, spend_products
 
 Eta = Mapping[int, Fraction]  # a row over eta: points first, then channels
 Entries = list[tuple[int, int, Fraction]]  # of a sparse matrix: row, column, value
@@ -151,7 +151,7 @@ def _times_rows(rows: Sequence[Row], width: int, entries: Entries, height: int) 
     """Return H R for a sparse H of entries (i, p, value), R the rows of points: line i is the sum of value r_p'."""
     total: dict[tuple[int, int], Fraction] = {}
     for i, p, value in entries:
-        spend(len(rows[p]))
+        spend_products(len(rows[p]), rows[p].values(), (value,))
         for k, r in rows[p].items():
             total[i, k] = total.get((i, k), _ZERO) + value * r
     return scattered(height, width, [(*place, value) for place, value in total.items()])
@@ -184,12 +184,13 @@ def _over_eta(weighted: Iterable[Weighted]) -> dict[tuple[int, int], Fraction]:
     """Return the lower entries of the sum of weight (p q' + q p'), a form over eta."""
     total: dict[tuple[int, int], Fraction] = {}
     for p, q, weight in weighted:
-        spend(len(p) * len(q))
+        spend_products(len(p) * len(q), p.values(), q.values(), (weight,))
         for i, a in p.items():
+            scaled = weight * a
             for j, b in q.items():
                 place = (max(i, j), min(i, j))
-                total[place] = total.get(place, _ZERO) + weight * a * b * (2 if i == j else 1)
-    return total
+                total[place] = total.get(place, _ZERO) + scaled * b
+    return {(i, j): 2 * value if i == j else value for (i, j), value in total.items()}
 
 
 def _weighted(ledger: Ledger) -> Iterator[Weighted]:

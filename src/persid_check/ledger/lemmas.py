@@ -34,6 +34,7 @@ Cuts = tuple[Fraction, ...]
 E = TypeVar("E", bound=Element)
 
 SLOPES = ("nondecreasing", "rising")  # kinds whose quantity is g' itself: the centre plays no part
+JOINED = 4  # steps of a function of a curve beside its own: its argument is scaled, its value and slope joined
 STRICT = ("growing", "rising")  # kinds with q > 0, and |g| -> infinity at both ends
 SUMMED = ("offset", "upper")  # kinds whose quantity is added up: it may fall below 0 where it rose before
 _ZERO, _ONE = Fraction(0), Fraction(1)
@@ -184,7 +185,7 @@ class Lemma:
 
     def _raw(self, y: E) -> tuple[E, E]:
         """Return g and g' at an element, whatever the centre."""
-        spend(sum((work_of(program) for program, _ in self.functions), 1))
+        spend(_work(self.functions))
         return _combined(self.functions, self.form, y)
 
     @cached_property
@@ -265,9 +266,14 @@ def _value(functions: Functions, form: Form, y: E) -> E:
     return total
 
 
+def _work(functions: Functions) -> int:
+    """Return the steps that a form of some functions takes on an interval."""
+    return sum((JOINED + work_of(program) for program, _ in functions), 1)
+
+
 def vanishes(functions: Functions, form: Form) -> bool:
     """Whether l'phi(0) = 0, by exact evaluation."""
-    spend(sum((work_of(program) for program, _ in functions), 1))
+    spend(_work(functions))
     try:
         at = _value(functions, form, constant(_ZERO))
     except UndefinedError:
@@ -289,7 +295,7 @@ class Product:
 
     def holds_on(self, a: Fraction, b: Fraction) -> bool:
         """Whether interval arithmetic, or the mean value form, proves it on [a, b]."""
-        spend(4 * sum((work_of(program) for program, _ in self.functions), 1))
+        spend(4 * _work(self.functions))
         half = (b - a) / 2
         try:
             (F, dF), (G, dG) = (_combined(self.functions, form, between(a, b)) for form in self.forms)
@@ -324,7 +330,7 @@ def discontinuous(
         return "the cuts do not hold 0 inside"
     for program, alpha in functions:
         for a, b in pairwise(cuts):
-            spend(work_of(program))
+            spend(JOINED + work_of(program))
             if not _runs(program, alpha, between(a, b), lipschitz):
                 return f"on the piece from {_shown(a)} to {_shown(b)}"
         for end, sign in _ends(cuts, ends):

@@ -178,19 +178,9 @@ def _point(ledger: Ledger, p: int) -> None:
     shifted = (curve.shift is None) == (ledger.ball is None)
     require(shifted, where, "the curve is shifted exactly where there is an operating point")
     if isinstance(curve.shift, tuple):
-        center, radius = centre(ledger, point)
+        center, radius = ledger.centre(p)
         within = abs(center - curve.shift[0]) + radius <= curve.shift[1]
         require(within, where, "its centre is not within the curve's")
-
-
-def centre(ledger: Ledger, point: Point) -> tuple[Fraction, Fraction]:
-    """Return the ball of r_p'(x* - x_ref)."""
-    ball = ledger.ball
-    if ball is None:
-        return _ZERO, _ZERO
-    spend(len(point.row))
-    middle = sum((r * (ball.x[i] - ledger.model.x_ref[i]) for i, r in point.row.items()), _ZERO)
-    return middle, ball.radius * sum((abs(r) for r in point.row.values()), _ZERO)
 
 
 def _every_channel_stands(ledger: Ledger) -> None:
@@ -220,14 +210,14 @@ def _fact(ledger: Ledger, fact: Fact, where: str) -> None:
     if fact.sign:
         require(same and rising, where, "two points of one curve and nondecreasing forms are needed")
     if fact.kind == "difference" or fact.sign > 0 or (fact.sign and fact.p != fact.q):
-        _equal_centres(ledger, curves[0], points, fact.sign, where)
+        _equal_centres(ledger, curves[0], fact, where)
 
 
-def _equal_centres(ledger: Ledger, curve: Curve, points: tuple[Point, Point], sign: int, where: str) -> None:
-    (first, radius), (second, other) = (centre(ledger, point) for point in points)
+def _equal_centres(ledger: Ledger, curve: Curve, fact: Fact, where: str) -> None:
+    (first, radius), (second, other) = (ledger.centre(p) for p in (fact.p, fact.q))
     equal = first == second and not radius and not other
     require(equal, where, "the two points are not proved to have the same centre")
-    if sign > 0:
+    if fact.sign > 0:
         require(curve.odd and not first, where, "a sum needs odd functions that are not shifted")
         symmetric = curve.domain is None or curve.domain[0] == -curve.domain[1]
         require(symmetric, where, "a sum needs a symmetric domain")

@@ -11,6 +11,7 @@ from persid_check.expression import Program
 from persid_check.ledger.lemmas import Cuts, Functions, is_odd, vanishes
 from persid_check.model import Model
 from persid_check.reading import Ball
+from persid_check.work import spend_products
 
 RISING = ("nondecreasing", "rising")
 
@@ -217,6 +218,26 @@ class Ledger:
     def inside_at(self) -> Mapping[int, int]:
         """The place of each channel among those whose values P reads."""
         return {c: i for i, c in enumerate(self.inside)}
+
+    def centre(self, p: int) -> tuple[Fraction, Fraction]:
+        """Return the ball of r_p'(x* - x_ref)."""
+        if self.ball is None:
+            return Fraction(0), Fraction(0)
+        if p not in self._centres:
+            row, offset = self.points[p].row, self._offset
+            spend_products(len(row), row.values(), (offset[i] for i in row))
+            middle = sum((r * offset[i] for i, r in row.items()), Fraction(0))
+            self._centres[p] = middle, self.ball.radius * sum(map(abs, row.values()), Fraction(0))
+        return self._centres[p]
+
+    @cached_property
+    def _centres(self) -> dict[int, tuple[Fraction, Fraction]]:
+        return {}
+
+    @cached_property
+    def _offset(self) -> list[Fraction]:
+        point = self.model.x_ref if self.ball is None else self.ball.x
+        return [x - r for x, r in zip(point, self.model.x_ref, strict=True)]
 
     @property
     def counts_b(self) -> bool:
