@@ -21,6 +21,7 @@ import scipy.linalg as sla
 from scipy import sparse
 
 from persid._libraries import library
+from persid._memory import memory
 from persid.errors import ModelError
 
 Array = Any  # of one namespace of the array API standard, in binary64: the standard has no class for it
@@ -42,6 +43,11 @@ class Arrays(Protocol):
     @property
     def block(self) -> int:
         """How many rows of the Schur complement are made at once."""
+        ...
+
+    @property
+    def memory(self) -> int:
+        """How many bytes the arrays may take at most, where they live."""
         ...
 
     def put(self, a: np.ndarray) -> Array:
@@ -94,6 +100,10 @@ class Host:
 
     xp, block = numpy_namespace, HOST_BLOCK
 
+    @property
+    def memory(self) -> int:
+        return memory()
+
     def put(self, a: np.ndarray) -> np.ndarray:
         return a
 
@@ -144,8 +154,12 @@ class Standard:
 
     block = DEVICE_BLOCK
 
-    def __init__(self, xp: ModuleType, device: object = None) -> None:
+    def __init__(self, xp: ModuleType, device: Any = None) -> None:
         self.xp, self.device = xp, device
+
+    @property
+    def memory(self) -> int:
+        return memory()
 
     def put(self, a: np.ndarray) -> Array:
         return self.xp.asarray(np.ascontiguousarray(a), device=self.device, copy=True)
@@ -204,6 +218,10 @@ class Torch(Standard):
             raise ModelError(f"no device {device!r} here: {str(error).splitlines()[0]}") from None
         super().__init__(import_module("array_api_compat.torch"), self.torch.device(device))
 
+    @property
+    def memory(self) -> int:
+        return int(self.torch.cuda.mem_get_info(self.device)[1]) if self.device.type == "cuda" else memory()
+
     def get(self, a: Array) -> np.ndarray:
         return np.asarray(a.cpu().numpy())
 
@@ -249,3 +267,8 @@ HOST: Arrays = Host()
 def arrays_on(device: str) -> Arrays:
     """Return the arrays of a device: "cpu" for NumPy, and PyTorch for any other, such as "cuda" or "cuda:1"."""
     return HOST if device == "cpu" else Torch(device)
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether an error says that the host or a device has no memory left: PyTorch's is a RuntimeError by that name."""
+    return isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"

@@ -48,6 +48,7 @@ NO_REACH = (
     "It was not found how far arguments of functions that read algebraic variables go in the region; "
     "another rate, or functions with bounded slopes, may allow it."
 )
+MEMORY = "Ask where there is more of it, or of a model with fewer states or functions."
 NOT_INSIDE = "No equilibrium at the nominal input was found and proved inside the box."
 NO_MARGIN = (
     "The margin is zero or close to it. Where a fit left it small, a little more ridge usually decides it. Where the "

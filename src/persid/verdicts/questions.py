@@ -1,6 +1,6 @@
 """Questions about a model, and their answers by the attempts that cost least first."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -39,7 +39,9 @@ from persid.verdicts.searches import SHORTENED_STATES, fastest, margin, rate_and
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
 
 ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
-FULL_P_STATES = 50  # a full P is tried up to this many states
+FULL_P_STATES = 50  # a full P is tried right after a diagonal one up to this many states,
+PAIRS = 50  # and last of all up to as many, n, as leave half of the memory to so many times n^4 bytes: its n^2 entries
+# are n^2 pairs and more, and their Schur complement is held four times where it is made
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
 PRACTICAL_STATES = 20  # a ball is sought up to this many states
@@ -136,7 +138,7 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
     setting = Setting.of(asked.model, points[0], arrays=asked.arrays)
     if asked.claim == "incremental":
         return _between_solutions(asked, setting, log)
-    forms = partial(_by_forms, asked, setting, log)
+    forms = partial(_by_forms, asked, setting, _kinds(asked.model), log)
     failure, slower = stopped(Status.TIME), list[Certified]()
     rate = asked.rate if asked.rate and decay.loss(asked.rate, asked.model.dt) < setting.fastest else 0.0
     for way in _ways(asked, setting, forms, log):
@@ -154,7 +156,19 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
 
 
 def _ways(asked: Question, setting: Setting, forms: Way, log: Log) -> Iterator[Way]:
-    """Yield the ways to certify in their order: products of forms are one of them."""
+    """Yield the ways to certify in their order; of many states a full P, which may take all the time, comes last."""
+    yield from _usual_ways(asked, setting, forms, log)
+    if FULL_P_STATES < asked.model.n <= largest_full(asked.arrays.memory):
+        yield partial(_by_forms, asked, setting, ("full",), log)
+
+
+def largest_full(memory: int) -> int:
+    """Return the number of states up to which a full P is tried with so many bytes of memory."""
+    return max(FULL_P_STATES, int((memory / 2 / PAIRS) ** 0.25))
+
+
+def _usual_ways(asked: Question, setting: Setting, forms: Way, log: Log) -> Iterator[Way]:
+    """Yield the ways to certify: products of forms are one of them."""
     discrete = asked.model.is_discrete
     if asked.outputs is not None or not 1 < asked.model.n <= FACTS_STATES:
         yield forms
@@ -194,13 +208,13 @@ def _between_solutions(asked: Question, setting: Setting, log: Log) -> Certified
     return failure
 
 
-def _by_forms(asked: Question, setting: Setting, log: Log) -> Certified | Failure:
-    """Certify with products of forms inside each group: a diagonal P, then a full one.
+def _by_forms(asked: Question, setting: Setting, kinds: Sequence[str], log: Log) -> Certified | Failure:
+    """Certify with products of forms inside each group and a P of these kinds, one after the other.
 
     Of small models a V without a rate is proved only where no rate is: it need only be known that there is one.
     """
     failure, sketches = stopped(Status.TIME), _may_have_rate(setting)
-    for kind in _kinds(asked.model):
+    for kind in kinds:
         full_P, what = kind == "full", f"global Lyapunov function, {kind} P"
         prove = partial(settled, setting, partial(margin, full_P=full_P, log=log), log, asked.outputs)
         rated = None
@@ -296,7 +310,7 @@ def _rated(asked: Question, setting: Setting, full_P: bool, log: Log) -> Certifi
     orthogonal coordinates.
     """
     n = setting.model.n
-    if len(setting.system.states) < n or n > RATED_STATES or log.left() <= 0:
+    if len(setting.system.states) < n or log.left() <= 0 or (n > RATED_STATES and asked.arrays is HOST):
         return None
     with log.attempt(RATED) as outcome:
         full_P = full_P or 1 < n <= FULL_RATED_STATES

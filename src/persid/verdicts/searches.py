@@ -12,6 +12,7 @@ from persid.certificates.obstruction import find_obstruction
 from persid.certificates.stability import prove
 from persid.errors import RejectedError, RoundingError
 from persid.lyapunov import decay
+from persid.lyapunov.arrays import is_out_of_memory
 from persid.lyapunov.coordinates import Coordinates
 from persid.lyapunov.interior_point import Status
 from persid.lyapunov.multipliers import Lyapunov, choose
@@ -63,6 +64,10 @@ def settled(
             return Failure(Reason.ROUNDING, str(error)), setting
         except RoundingError as error:
             return Failure(Reason.ROUNDING, str(error)), setting
+        except (MemoryError, RuntimeError) as error:
+            if not is_out_of_memory(error):
+                raise
+            return Failure(Reason.MEMORY, words.MEMORY), setting
         for line in dropped:
             log.progress(f"not proved and dropped: {line}")
         unproved += dropped

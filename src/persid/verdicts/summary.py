@@ -197,6 +197,7 @@ _UNRATED = {
     Reason.OUTSIDE: "the linearisation at the operating point shows no exponential decay",
     Reason.ROUNDING: "the margin of the one that was found was lost in exact arithmetic",
     Reason.FORM: "a property of the functions that they need could not be proved",
+    Reason.MEMORY: "their matrices need more memory than there is",
     Reason.STALLED: "the solver stalled while they were sought",
 }
 
@@ -208,10 +209,10 @@ def unrated(verdict: Certified) -> str | None:
         return None
     if isinstance(certificate, Certificate) and certificate.stated.drops_states:
         return "a state is dropped from the inequality, and a rate needs every state in it"
-    if certificate.model.n > RATED_STATES:
-        return f"they are sought for up to {RATED_STATES} states, and the model has {certificate.model.n}"
     outcome = next((one.outcome for one in reversed(verdict.attempts) if one.what == RATED), None)
     if outcome is not None:
         return _UNRATED.get(Reason.__members__.get(outcome.upper(), Reason.NOT_FOUND), "none were found")
+    if certificate.model.n > RATED_STATES:
+        return f"they are sought for up to {RATED_STATES} states, and the model has {certificate.model.n}"
     searched = any(one.what.startswith("global Lyapunov function") for one in verdict.attempts)
     return "no time was left to seek them" if searched else "none were asked for, or found"

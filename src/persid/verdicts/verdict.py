@@ -15,7 +15,7 @@ from persid.networks.certificate import NetworkCertificate, NetworkObstruction
 from persid.verdicts.evidence import Evidence
 
 RATED = "rate and gain"  # the attempt that seeks them
-RATED_STATES = 100  # they are sought up to this many states
+RATED_STATES = 100  # they are sought up to this many states, and on a device whatever their number
 _REGIONAL = (
     "Certified: the model is input-to-state stable in a region around its operating point; from every start "
     "inside it and for small enough inputs the state stays inside, in the long run within a distance of the "
@@ -43,6 +43,7 @@ class Reason(Enum):
     FORM = "A property of the functions that a proof needs could not be proved."
     STALLED = "The solver stalled before the sign of the margin was decided."
     TIME = "The time limit was reached before the sign of the margin was decided."
+    MEMORY = "The matrices of the search need more memory than there is."
     INTERRUPTED = "The search was interrupted."
     OUTSIDE = "The model is outside the theory."
 
