@@ -17,8 +17,7 @@ from adversaries import policies, runs
 from persid.lyapunov.inequality import assemble
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import Family
-from persid.verdicts.searches import SHORTENED_STATES
-from persid.verdicts.verdict import RATED, Reason
+from persid.verdicts.verdict import Reason
 from problems import BY_NAME
 from questions import ASKED, PENDULUM, Case
 
@@ -335,18 +334,6 @@ def _edge(found: ps.Certificate, direction: np.ndarray, level: float) -> np.ndar
         inside = found.V(found.operating_point + middle * direction[None])[0] < 0.999 * level
         low, high = (middle, high) if inside else (low, middle)
     return found.operating_point + low * direction
-
-
-def test_a_model_of_more_states_than_a_small_one_has_rate_and_gain() -> None:
-    """Where a V without a rate is proved first, 21 states and more, the certificate with rate and gain is delivered."""
-    n = SHORTENED_STATES + 1
-    coupling = 0.05 * np.random.default_rng(0).normal(size=(n, n)) / np.sqrt(n)
-    model = ps.PersidskiiModel(coupling - np.eye(n), [("tanh(x)", None, -0.05 * np.eye(n))], np.eye(n)[:, :1])
-    verdict = ps.certify(model)
-    assert isinstance(verdict, ps.Certified)
-    assert verdict.certificate.claim == "rate-and-gain"
-    assert 0 < verdict.certificate.rate < 1.1
-    assert {"global Lyapunov function, diagonal P", RATED} <= {attempt.what for attempt in verdict.attempts}
 
 
 def test_undecided_explains_itself() -> None:

@@ -9,7 +9,8 @@ from persid._memory import memory
 from persid.lyapunov.arrays import HOST, Standard
 from persid.verdicts import questions
 from persid.verdicts.questions import FACTS_STATES, FULL_P_STATES, largest_full
-from persid.verdicts.verdict import Reason
+from persid.verdicts.searches import SHORTENED_STATES
+from persid.verdicts.verdict import RATED, Reason
 
 GIB = 2**30
 
@@ -70,6 +71,18 @@ def test_memory_is_that_of_the_machine_or_less() -> None:
         assert memory() < 2**36
     finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def test_a_model_of_more_states_than_a_small_one_has_rate_and_gain() -> None:
+    """Where a V without a rate is proved first, 21 states and more, the certificate with rate and gain is delivered."""
+    n = SHORTENED_STATES + 1
+    coupling = 0.05 * np.random.default_rng(0).normal(size=(n, n)) / np.sqrt(n)
+    model = ps.PersidskiiModel(coupling - np.eye(n), [("tanh(x)", None, -0.05 * np.eye(n))], np.eye(n)[:, :1])
+    verdict = ps.certify(model)
+    assert isinstance(verdict, ps.Certified)
+    assert verdict.certificate.claim == "rate-and-gain"
+    assert 0 < verdict.certificate.rate < 1.1
+    assert {"global Lyapunov function, diagonal P", RATED} <= {attempt.what for attempt in verdict.attempts}
 
 
 @pytest.mark.parametrize(("device", "rated"), [("cpu", False), ("elsewhere", True)])
