@@ -56,17 +56,22 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
     offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
     inputs = [constant(a - b) for a, b in zip(u, model.u_ref, strict=True)]
     total = [constant(Fraction(force)) for force in model.b]
+    moved, acting = _not_zero(offset), _not_zero(inputs)  # products with zero are zero, exactly
     for i in range(model.n):
-        for a, d in zip(model.A0[i], offset, strict=True):
-            total[i] = total[i] + constant(a) * d if a else total[i]
-        for b, v in zip(model.B[i], inputs, strict=True):
-            total[i] = total[i] + constant(Fraction(b)) * v if b else total[i]
+        for j, d in moved:
+            total[i] = total[i] + constant(a) * d if (a := model.A0[i][j]) else total[i]
+        for j, v in acting:
+            total[i] = total[i] + constant(Fraction(b)) * v if (b := model.B[i][j]) else total[i]
     for channel in model.channels:
         spend(work_of(channel.program) + len(channel.row))
         f = value(channel.program, argument(channel.row, offset))
-        for i, weight in enumerate(channel.column):
+        for i, weight in enumerate(channel.column if _not_zero([f]) else ()):
             total[i] = total[i] + constant(Fraction(weight)) * f if weight else total[i]
     return total
+
+
+def _not_zero(values: Sequence[Interval]) -> list[tuple[int, Interval]]:
+    return [(j, v) for j, v in enumerate(values) if v.lo != 0 or v.hi != 0]
 
 
 def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:

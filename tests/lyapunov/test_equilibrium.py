@@ -1,5 +1,6 @@
 """Operating points: found, proved, sorted."""
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ from hypothesis import strategies as st
 
 import persid as ps
 from persid.lyapunov.operating_points import prove
+from persid_check.enclosure import constant
+from persid_check.equilibrium import flow
+from persid_check.model import model_of
 from questions import PENDULUM, TRAFFIC
 
 
@@ -73,3 +77,16 @@ def test_wrong_arguments(arguments: dict[str, Any]) -> None:
     """Vectors of a wrong length or with numbers that are not finite raise."""
     with pytest.raises(ps.ModelError, match="needed"):
         ps.find_operating_point(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), **arguments)
+
+
+@pytest.mark.parametrize("at", [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.25, -1.5]])
+@pytest.mark.parametrize("u", [[0.0], [0.75]])
+def test_the_flow_is_exact_where_some_offsets_are_zero(at: list[float], u: list[float]) -> None:
+    """Products with zero are left out, and what is left is the flow: of dyadic numbers exactly, cubes included."""
+    rng = np.random.default_rng(0)
+    A0, A, B = (rng.integers(-8, 8, shape) / 4 for shape in ((3, 3), (3, 3), (3, 1)))
+    model = ps.PersidskiiModel(A0, [("x**3", None, A)], B, x_ref=[0.0, 0.25, 0.0], b=[0.5, 0.0, -1.0])
+    exact = model_of(model.canonical, discrete=True)
+    found = flow(exact, [constant(Fraction(v)) for v in at], [Fraction(v) for v in u])
+    np.testing.assert_array_equal([float(each.lo) for each in found], model.rhs(at, u))
+    np.testing.assert_array_equal([float(each.hi) for each in found], model.rhs(at, u))
