@@ -159,7 +159,7 @@ def _shades(axes: Axes, tools: list[str], systems: list[str], found: dict[tuple[
 
 def speed(content: dict[str, Any]) -> Figure:
     """Draw the time to decide one inequality against n: persid, libraries, what ran out, and the floor of flops."""
-    runs, rate = content["runs"], content["gflops"] * 1e9
+    runs = content["runs"]
     figure, axes = plt.subplots(1, 2, figsize=(10, 3.8), sharey=True)
     colours = dict(zip(dict.fromkeys(run["solver"] for run in runs), (BLUE, RED, GREY, GREEN, "#7a5195"), strict=False))
     for place, (kind, title) in zip(axes, SPEED.items(), strict=True):
@@ -170,23 +170,26 @@ def speed(content: dict[str, Any]) -> Figure:
             place.loglog(at, [run["seconds"] for run in ended], "o-", color=colour, label=solver, markersize=4)
             out = [run["n"] for run in part if "seconds" not in run]
             place.loglog(out, [content["seconds"]] * len(out), "x", color=colour)
-        own = [run for run in runs if (run["kind"], run["solver"]) == (kind, "persid") and "seconds" in run]
-        floor = [
-            run["iterations"] / run["rounds"] * (run["unknowns"] ** 3 + 2 * (4 * run["n"]) ** 3) / 3 / rate
-            for run in own
-        ]
-        label = f"floor: factorisations of one round of persid at {content['gflops']:.0f} Gflop/s"
-        place.loglog([run["n"] for run in own], floor, "--", color="black", linewidth=1, label=label)
+        for solver, style in zip((name for name in colours if name.startswith("persid")), ("--", ":"), strict=False):
+            own = [run for run in runs if (run["kind"], run["solver"]) == (kind, solver) and "seconds" in run]
+            if not own:
+                continue
+            gflops = own[0].get("gflops", content["gflops"])
+            floor = [
+                run["iterations"] / run["rounds"] * (run["unknowns"] ** 3 + 2 * (4 * run["n"]) ** 3) / 3e9 / gflops
+                for run in own
+            ]
+            label = f"floor: factorisations of one round of {solver} at {gflops:,.0f} Gflop/s"
+            place.loglog([run["n"] for run in own], floor, style, color="black", linewidth=1, label=label)
         place.set(title=title, xlabel="states n", ylim=(1e-5, 400))
     axes[0].set_ylabel("processor time, s (one thread)")
     handles, names = axes[0].get_legend_handles_labels()
-    empty = plt.Line2D([], [], linestyle="none", label="GPU: to be measured (speed.py --device cuda)")
     crosses = plt.Line2D([], [], linestyle="none", marker="x", color="black", label="out of time or memory")
+    notes = [crosses]
+    if not any("cuda" in run["solver"] for run in runs):
+        notes.append(plt.Line2D([], [], linestyle="none", label="GPU: to be measured (speed.py --device cuda)"))
     figure.legend(
-        [*handles, crosses, empty],
-        [*names, crosses.get_label(), empty.get_label()],
-        loc="outside lower center",
-        ncols=3,
+        [*handles, *notes], [*names, *(note.get_label() for note in notes)], loc="outside lower center", ncols=3
     )
     return figure
 

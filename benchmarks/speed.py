@@ -4,7 +4,8 @@ The models are of column_dominance (forms) and dissipative (the paper's multipli
 Every run is a process of its own with one thread, 8 GiB of address space and 3 minutes; a solver that runs out of
 either is not tried on larger models. Seconds are of the processor, without imports and without drawing the model: what
 they need is imported by deciding a small model first, with functions of its own. On a device of PyTorch (extra "gpu")
-they are by the clock, persid alone is run, without a limit of memory or time, and the host may use all its threads.
+they are by the clock, persid alone is run, without a limit of memory or time, and the host may use all its threads; the
+floor of their picture is that of the device's own rate.
 
     OMP_NUM_THREADS=1 python benchmarks/speed.py [--sizes 5,10,20,50,100,200,400]
     python benchmarks/speed.py --device cuda --kinds paper --sizes 400,1000,2000,4000
@@ -105,6 +106,8 @@ def one(kind: str, n: int, solver: str) -> None:
 
         result["device_GiB"] = torch.cuda.max_memory_allocated(device) / 2**30
         result["device"] = torch.cuda.get_device_name(device)
+    if device:
+        result["gflops"] = rate_of(device)
     print(json.dumps(result))
 
 
@@ -150,13 +153,27 @@ def gflops() -> float:
     return 2e-9 * len(A) ** 3 / min(seconds)
 
 
+def rate_of(device: str) -> float:
+    """Return the rate of a device's matrix product in double precision, in Gflop/s, the best of five."""
+    import torch
+
+    order, seconds = 8000 if device.startswith("cuda") else 2000, []
+    A = torch.ones(order, order, dtype=torch.float64, device=device)
+    for _ in range(5):
+        started = time.perf_counter()
+        float((A @ A)[0, 0])  # reading a number waits for the product
+        seconds.append(time.perf_counter() - started)
+    return 2e-9 * order**3 / min(seconds)
+
+
 def _line(result: dict) -> str:
     head = f"{result['kind']:6} n = {result['n']:4}  {result['solver']:9}"
     if "seconds" not in result:
         return f"{head} {result['answer']} {result.get('why', '')}"
     steps = f"{result['iterations']:3} iterations in {result['rounds']} rounds" if "rounds" in result else ""
+    there = f"{result['device_GiB']:6.2f} GiB there  " if "device_GiB" in result else ""
     return (
-        f"{head} {result['seconds']:8.2f} s  {result['memory_GiB']:5.2f} GiB  {result['unknowns']:6} unknowns  "
+        f"{head} {result['seconds']:8.2f} s  {result['memory_GiB']:5.2f} GiB  {there}{result['unknowns']:6} unknowns  "
         f"{result['answer']:10} {steps}"
     )
 

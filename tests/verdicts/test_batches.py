@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import signal
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,33 @@ def test_order_is_kept_and_failures_stand_in_their_place(tmp_path: Path, engine:
     assert not answers[1].is_certified
     assert lines[-1] == "deciding: 5 of 5 models"
     assert answers[3].certificate.data == ps.certify(STABLE, time_limit=ENDLESS).certificate.data
+
+
+def test_verdicts_can_be_sent() -> None:
+    """A verdict that has been looked at is pickled as what it was: the bytes of its certificate and what they say."""
+    verdict = ps.certify(STABLE)
+    assert verdict.certificate.rate > 0  # and what is read from the bytes is kept, but not sent
+    again = pickle.loads(pickle.dumps(verdict))
+    assert again.certificate.data == verdict.certificate.data
+    assert (again.certificate.rate, again.certificate.P.tolist()) == (
+        verdict.certificate.rate,
+        verdict.certificate.P.tolist(),
+    )
+    assert again.attempts == verdict.attempts
+
+
+def unsendable(model: Any, question: Any) -> Any:
+    """Stand for an answer that no process can send."""
+    return batches.Failed("fine") if model == "a" else lambda: model
+
+
+@pytest.mark.long
+def test_an_answer_that_cannot_be_sent_is_one_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An answer that is lost on its way to this process fails its own model alone."""
+    monkeypatch.setattr(batches, "_decide", unsendable)
+    answers = ps.certify_many(["a", "b", "a"], jobs=2)
+    assert [str(answer) for answer in answers[::2]] == ["Failed: fine"] * 2
+    assert "pickle" in str(answers[1])
 
 
 def die(model: Any, question: Any) -> Any:

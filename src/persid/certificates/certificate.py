@@ -48,6 +48,10 @@ class Certificate:
     further: tuple[str, ...] = ()
     arrays: bytes | None = None
 
+    def __reduce__(self) -> tuple[type["Certificate"], tuple[object, ...]]:
+        fields = self.data, self.claim, self.statement, self.steps, self.further, self.arrays
+        return Certificate, fields  # what is read from the bytes is large, and not all of it can be pickled
+
     @classmethod
     def of(cls, content: Json) -> "Certificate":
         """Return the certificate that a content is, once the checker accepts it; large matrices go to a companion.

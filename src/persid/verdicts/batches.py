@@ -162,6 +162,8 @@ def _outcome(future: "Future[Answer]") -> Answer | None:
         return future.result()
     except BrokenProcessPool:
         return None
+    except Exception as error:  # the answer cannot be sent
+        return Failed(f"{type(error).__name__}: {error}")
 
 
 def _one_thread() -> None:
