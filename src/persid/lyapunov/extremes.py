@@ -27,7 +27,7 @@ from persid.lyapunov.system import Family, Multipliers
 from persid.lyapunov.unknowns import Label
 
 CLOSE = 0.003  # distance of t from its bound, relative, at which the unknowns that take part have done what they can
-SMALL, PATIENCE = 0.003, 3  # relative rise of t between two such places that is small; after so many it ends
+SMALL, PATIENCE = 0.003, 2  # relative rise of t between two such places that is small; after so many it ends
 FALL = 0.3  # share to which mu falls before unknowns join
 BACK = 0.1  # relative fall of t with which the way goes on when unknowns join there
 ROUNDS = 40
