@@ -118,6 +118,20 @@ def long_products() -> Content:
     return content
 
 
+def many_squares() -> Content:
+    """8,000 densities of a form of 150 long numbers: whether its bound is one by its square is asked of each."""
+    draw = random.Random(0)
+    model = model_object([("2*x", [[1.0]] * 150, [[0.0] * 150])], [[-1.0]])
+    line, at = curve([("2*x", 1)] * 150, *[((0, *[0] * 150), "nondecreasing")] * 2), point(0, {0: 1}, [*range(150)], [])
+    content = draft(Sketch(model, [line], [at], []))
+    d, rest = _long(draw), [_long(draw) for _ in range(150)]
+    for form, head in zip(content["curves"][0]["forms"], ([d[0] + 1, d[1]], [1, d[1]]), strict=True):
+        form["l"] = [head, *rest]
+    content["curves"][0]["forms"][0]["lower"] = [d, 1]
+    content["points"][0]["densities"], content["gamma"] = [[0, [1, 0]]] * 8000, [1, 0]
+    return content
+
+
 def many_centres() -> Content:
     """4,000 differences of points whose centres are sums of 100 products of numbers of 2,040 bits; all points rest."""
     draw, line = random.Random(0), curve([], ((1,), "nondecreasing"), shift="any")
@@ -151,6 +165,7 @@ def _long(draw: random.Random) -> list[int]:
         (many_strips, Rejected),
         (many_centres, Rejected),
         pytest.param(long_products, Rejected, marks=pytest.mark.long),
+        pytest.param(many_squares, Rejected, marks=pytest.mark.long),
         pytest.param(short_functions, Rejected, marks=pytest.mark.long),
         pytest.param(many_points, Rejected, marks=pytest.mark.long),
         pytest.param(long_tails, Rejected, marks=pytest.mark.long),
@@ -163,6 +178,7 @@ def _long(draw: random.Random) -> list[int]:
         "strips",
         "centres",
         "long_products",
+        "squares",
         "short_functions",
         "points",
         "long_tails",

@@ -225,7 +225,7 @@ def _weighted_steps(ledger: Ledger) -> Iterator[Weighted]:
         for k, mu in point.densities:
             if mu:
                 yield _after(ledger, p, k, p, 0), {later + p: _ONE, p: -_ONE}, mu
-            if mu and ledger.curves[point.curve].is_square(k):
+            if mu and ledger.curves[point.curve].squares[k]:
                 gap = _after(ledger, p, k, p, -1)
                 yield gap, gap, -mu * _lower(ledger, p, k)[0] / 2
 
@@ -303,7 +303,7 @@ def _curvatures(ledger: Ledger) -> Iterator[Weighted]:
     for p, point in enumerate(ledger.points):
         curve = ledger.curves[point.curve]
         for k, mu in point.densities:
-            row = _row_inside(ledger, p, k) if curve.is_square(k) else {p: Fraction(1)}
+            row = _row_inside(ledger, p, k) if curve.squares[k] else {p: Fraction(1)}
             yield row, row, mu * _lower(ledger, p, k)[0] / 2
 
 

@@ -8,7 +8,7 @@ from flint import nmod_mat
 
 from persid_check.definite import Definite, Root, proof_of, proves
 from persid_check.equilibrium import has_unique_equilibrium
-from persid_check.exact import Matrix, diagonal, matrix
+from persid_check.exact import Matrix, diagonal, matrix, zeros
 from persid_check.ledger.algebraic import prove_algebraic, prove_bounds
 from persid_check.ledger.assembly import Assembly, assemble
 from persid_check.ledger.further import further
@@ -141,7 +141,7 @@ def _form(where: str, curve: Curve, k: int) -> None:
         d, j = form.lower
         other = curve.forms[j]
         bounds = (form.l[0] - d, *form.l[1:]) == other.l and (curve.is_sector(j) or other.kind == "offset")
-        bounds = bounds or (curve.is_square(k) and other.kind in RISING and curve.is_sector(k))
+        bounds = bounds or (curve.squares[k] and other.kind in RISING and curve.is_sector(k))
         message = "form j must be l - d e_0, a sector form or one with an offset, or e_0 - d l, nondecreasing"
         require(bounds, f"{where}.lower", message)
 
@@ -254,10 +254,11 @@ def _values(ledger: Ledger, p: int, point: Point) -> None:
 
 def _rows_kept(ledger: Ledger, matrices: Assembly) -> tuple[int, ...]:
     """Every dropped entry has an exactly zero row in M; return the others, with v and w."""
-    dropped, entries = set(ledger.dropped), matrices.M.entries
-    for i in ledger.dropped:
-        is_zero = all(entries[i, j] == 0 for j in range(matrices.M.width))
-        require(is_zero, "dropped", f"row {i} of M is not zero")
+    dropped = set(ledger.dropped)
+    found = matrices.M.kept(ledger.dropped, range(matrices.M.width))
+    if found.entries != zeros(*found.shape).entries:
+        i = next(i for i, row in zip(ledger.dropped, found.flint.table(), strict=True) if any(row))
+        raise NotProvedError("dropped", f"row {i} of M is not zero")
     return tuple(i for i in range(matrices.M.height) if i not in dropped)
 
 

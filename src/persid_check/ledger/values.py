@@ -1,6 +1,6 @@
 """The values of a ledger: what a certificate of format 2 says, each noun frozen (docs/ledger.md, section 8)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -70,13 +70,14 @@ class Curve:
         """Whether every function is odd by its form."""
         return is_odd(self.functions)
 
-    def is_square(self, k: int) -> bool:
-        """Whether the bound of form k from below is one by its own square, (d/2) g^2: form j is e_0 - d l."""
-        form = self.forms[k]
-        if form.lower is None:
-            return False
-        d, j = form.lower
-        return self.forms[j].l == (1 - d * form.l[0], *(-d * value for value in form.l[1:]))
+    @cached_property
+    def squares(self) -> tuple[bool, ...]:
+        """Whether the bound from below is one by the form's own square, (d/2) g^2: form j is e_0 - d l. Form by form."""
+        return tuple(form.lower is not None and self._is_square(form.l, *form.lower) for form in self.forms)
+
+    def _is_square(self, l: Sequence[Fraction], d: Fraction, j: int) -> bool:  # noqa: E741
+        spend_products(len(l), l, (d,))
+        return self.forms[j].l == (1 - d * l[0], *(-d * value for value in l[1:]))
 
     def is_sector(self, k: int) -> bool:
         """Whether form k is a sector form: as it says, or because it does not fall and rests at 0."""
