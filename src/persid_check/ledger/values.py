@@ -72,7 +72,7 @@ class Curve:
 
     @cached_property
     def squares(self) -> tuple[bool, ...]:
-        """Whether the bound from below is one by the form's own square, (d/2) g^2: form j is e_0 - d l. Form by form."""
+        """Whether a bound from below is one by the form's square, (d/2) g^2: form j is e_0 - d l; form by form."""
         return tuple(form.lower is not None and self._is_square(form.l, *form.lower) for form in self.forms)
 
     def _is_square(self, l: Sequence[Fraction], d: Fraction, j: int) -> bool:  # noqa: E741
