@@ -131,6 +131,17 @@ def test_no_factor_proves_an_indefinite_matrix(L: list[list[int]], more: st.Data
 
 
 @settings(max_examples=300, deadline=None)
+@given(st.lists(st.integers(-9, 9), min_size=3, max_size=3), st.lists(st.integers(-2, 3), min_size=3, max_size=3))
+def test_the_best_factor_proves_just_what_is_positive(below: list[int], heads: list[int]) -> None:
+    """Of T M T' = diag(heads), T a unit factor, nothing is in doubt: M is accepted where all heads are positive."""
+    a, b, c = below
+    T = [[1], [a, 1], [b, c, 1]]
+    inverse = [[1, 0, 0], [-a, 1, 0], [a * c - b, -c, 1]]
+    M = [[sum(v * h * w for v, h, w in zip(row, heads, other, strict=True)) for other in inverse] for row in inverse]
+    assert is_positive_definite(M, T) == all(head > 0 for head in heads)
+
+
+@settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=400))
 def test_bytes_never_crash_the_checker(content: bytes) -> None:
     """Random bytes are malformed, never an exception."""

@@ -2,6 +2,7 @@
 
 import ast
 import copy
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -67,13 +68,17 @@ def test_a_level_up_to_the_named_box_is_accepted_and_beyond_it_is_not() -> None:
 
 
 def test_the_named_set_is_the_level_set_wherever_the_equilibrium_lies() -> None:
-    """For x* anywhere in the ball, |d| <= sqrt(level) lies in the named box, and the named box less x* in X."""
-    for radius, side in ((Fraction(1, 8), Fraction(1)), (Fraction(1, 5), Fraction(2)), (Fraction(0), Fraction(1))):
-        X = side - radius
-        for x_star in (-radius, Fraction(0), radius):
-            named_box = (-side + 2 * radius - x_star, side - 2 * radius - x_star)
-            assert -X <= named_box[0] <= -(X - 2 * radius)
-            assert X - 2 * radius <= named_box[1] <= X
+    """For x* anywhere in the ball, |d| <= sqrt(level) of the largest level lies in the box that is named, less x*."""
+    for radius, side in ((Fraction(1, 8), 1), (Fraction(1, 4), 2)):
+        edge = side - 3 * radius
+        for x_star in (-0.9 * float(radius), 0.0, 0.9 * float(radius)):
+            given = {"b": x_star, "radius": radius, "ubar": Fraction(1, 16), "side": float(side)}
+            text = said(region(level=edge**2 - Fraction(1, 2**30), **given))
+            found = re.search(r"in the box \[(\S+), (\S+)\] less twice the ball's radius", text)
+            assert found, text
+            lo, hi = map(Fraction, found.groups())
+            assert lo + 2 * radius <= Fraction(x_star) - edge < Fraction(x_star) + edge <= hi - 2 * radius
+            assert isinstance(answer(region(level=edge**2, **given)), Rejected)
 
 
 def test_an_input_bound_is_admitted_up_to_equality() -> None:
