@@ -64,7 +64,8 @@ def test_small_models_need_little_of_scipy() -> None:
         "import sys, persid as ps; model = ps.PersidskiiModel([[-2.0, 0.3], [0.1, -1.5]], [('tanh(x)', None,"
         "[[-1.0, 0.2], [0.3, -0.8]]), ('sin(x)', None, [[-0.3, 0.1], [0.05, -0.4]])], [[1.0], [0.5]]);"
         "assert ps.certify(model).is_certified;"
-        "print(*{'scipy.optimize', 'scipy.spatial', 'scipy.integrate', 'scipy.special'} & set(sys.modules))"
+        "print(*{'scipy.optimize', 'scipy.spatial', 'scipy.integrate', 'scipy.special', 'scipy.sparse.csgraph'}"
+        " & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=SOURCE.parent, check=True)
     assert done.stdout.split() == []

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from persid.lyapunov.sectors import Group
 from persid.lyapunov.system import Scaling, System
@@ -61,10 +60,18 @@ def _weights(depth: Float[ndarray, " g"]) -> Float[ndarray, " g"]:
 
 def _blocks(entries: Sequence[Int[ndarray, " _"]], width: int) -> Int[ndarray, " w"]:
     """Number the block of each entry: entries that are read together, directly or not."""
-    lines = np.repeat(np.arange(len(entries)), [len(at) for at in entries])
-    read = np.concatenate([np.zeros(0, int), *entries])
-    pattern = sparse.csr_array((np.ones(len(lines)), (lines, read)), shape=(len(entries), width))
-    return connected_components(pattern.T @ pattern)[1].astype(int)
+    before = list(range(width))  # an entry of the same block that comes earlier, itself for the first
+
+    def first(i: int) -> int:
+        while before[i] != i:
+            before[i] = i = before[before[i]]
+        return i
+
+    for at in entries:
+        ends = [first(i) for i in at.tolist()]
+        for end in ends:
+            before[end] = min(ends)
+    return np.unique([first(i) for i in range(width)], return_inverse=True)[1]
 
 
 def _mean(

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import repeat
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 
 from persid.lyapunov.arrays import Array
@@ -198,7 +198,13 @@ def join(
         others = np.isin(np.arange(len(worth)), list(known), invert=True)
         price += STRANGE * (others | others[:, None])
         worth += STRANGE * others
-    k, j = np.unravel_index(np.argsort(price, axis=None)[:most], price.shape)
+    k, j = np.unravel_index(_least(price.ravel(), most), price.shape)
     products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
-    densities = [int(k) for k in np.argsort(worth)[: (most + 1) // 2] if worth[k] < 0]
+    densities = [int(k) for k in _least(worth, (most + 1) // 2) if worth[k] < 0]
     return Family(family.forms, (*family.densities, *densities), (*family.products, *products))
+
+
+def _least(values: Float[ndarray, " N"], count: int) -> Int[ndarray, " c"]:
+    """Return the places of so many of the least values, the least first."""
+    found = np.argpartition(values, count)[:count] if count < len(values) else np.arange(len(values))
+    return np.asarray(found[np.argsort(values[found])])
