@@ -22,16 +22,18 @@ Content = dict[str, Any]
 
 
 def _loop(choose: random.Random) -> Sketch:
-    """A plant of up to three states in a loop with a function on a strip, its factor 1 or -1, its value mostly in V."""
+    """A plant of up to three states in a loop with a function of one row or two, each on a strip, its factor 1 or -1,
+    its values mostly in V."""
     discrete, n, sign = choose.random() < 0.7, choose.choice((1, 2, 2, 3)), choose.choice((1, -1))
     f, inside, rng = choose.choice(FUNCTIONS), choose.random() < 0.8, np.random.default_rng(choose.randrange(10**9))
     A0 = rng.normal(size=(n, n))
     values = np.linalg.eigvals(A0)
     A0 = A0 * choose.uniform(0.3, 1.02) / np.abs(values).max() if discrete else A0
     A0 = A0 if discrete else A0 - np.eye(n) * (values.real.max() + choose.uniform(-0.1, 1))
-    row, column = (choose.choice((0.25, 0.5, 1.0)) * rng.normal(size=n)).round(3), rng.normal(size=(n, 1)).round(3)
-    make = steps_model if discrete else model_object
-    model = make([(f, [(sign * row).tolist()], column.tolist())], A0.round(3).tolist(), np.eye(n)[:, :1].tolist(), n=n)
+    count, make = choose.choice((1, 1, 2)), steps_model if discrete else model_object
+    R = (choose.choice((0.25, 0.5, 1.0)) * rng.normal(size=(count, n))).round(3)
+    columns = rng.normal(size=(n, count)).round(3) / count
+    model = make([(f, (sign * R).tolist(), columns.tolist())], A0.round(3).tolist(), np.eye(n)[:, :1].tolist(), n=n)
     width = choose.choice((0.5, 1.0, 2.0))
     domain, functions = (-width, width * choose.choice((1, 1.5))), [(f, sign)]
     rows = [(0, sign), (1, -sign), (1, 0), (2, -sign), (Fraction(-3, 8), sign)]
@@ -46,15 +48,21 @@ def _loop(choose: random.Random) -> Sketch:
     made = curve(functions, *((*form, bounds.get(form, {})) for form in forms), domain=domain)
     sectors = [k for (_, kind), k in known.items() if kind != "one-signed"]
     rising, signed = ([known[form] for form in forms if form[1] == kind] for kind in ("nondecreasing", "one-signed"))
-    facts: list[Any] = [("value", 0, k, j) for k in sectors for j in sectors if j <= k]
-    facts += [("one_signed", 0, k, 0, j) for k in signed for j in signed if j <= k]
-    pairs = [(k, j) for k in rising for j in rising if j <= k] if inside else []
-    facts += [("step", 0, 0, -1, k, j) if discrete else ("slope", 0, k, j) for k, j in pairs]
-    facts += [("step", 0, 0, 0, k, j) for k in sectors for j in sectors if j <= k and discrete and inside]
+    pairs, places = [(k, j) for k in rising for j in rising if j <= k], range(count)
+    facts: list[Any] = []
+    for p in places:
+        facts += [("value", p, k, j) for k in sectors for j in sectors if j <= k]
+        facts += [("one_signed", p, k, q, j) for q in places for k in signed for j in signed if (q, j) <= (p, k)]
+        facts += [("difference", p, q, -1, k, j) for q in range(p) for k, j in pairs]
+        if inside and discrete:
+            facts += [("step", p, q, -1, k, j) for q in places for k, j in pairs]
+            facts += [("step", p, p, 0, k, j) for k in sectors for j in sectors if j <= k]
+        elif inside:
+            facts += [("slope", p, k, j) for k, j in pairs]
     densities = [known[one] for one in (g, h) if one in known and (inside or not discrete)]
-    at = point(0, {i: v for i, v in enumerate(row.tolist()) if v}, [0], densities)
+    at = [point(0, {i: v for i, v in enumerate(row) if v}, [c], densities) for c, row in enumerate(R.tolist())]
     kappa = Fraction(1, choose.choice((16, 64, 256)))
-    return Sketch(model, [made], [at], facts, "region", kappa, inside=(0,) * inside)
+    return Sketch(model, [made], at, facts, "region", kappa, inside=tuple(places) * inside)
 
 
 def _smaller(content: Content) -> Content:
@@ -68,17 +76,18 @@ def _smaller(content: Content) -> Content:
 def _is_invariant(content: Content, rng: np.random.Generator) -> bool:
     """Whether runs from sampled points of the set, with inputs of the largest size, stay in it and in its strips."""
     look, level, size = Sampled(content), number(content["level"]), number(content["input_bound"])
-    (row, lo, hi), *_ = _strips(look)
+    strips = _strips(look)
     for _ in range(60):
         x = rng.normal(size=look.model.n)
-        x *= rng.uniform() * (hi if row @ x > 0 else -lo) / abs(row @ x)
+        x *= rng.uniform() * min((hi if row @ x > 0 else -lo) / abs(row @ x) for row, lo, hi in strips)
         if look.V(x) > level:
             continue
         for _ in range(20):
             v = rng.normal(size=look.model.m)
             v *= size / np.linalg.norm(v)
             x = look.rise(x, v) if look.discrete else x + 0.01 * look.rise(x + 0.005 * look.rise(x, v), v)
-            if not lo - 1e-6 <= row @ x <= hi + 1e-6 or look.V(x) > level * (1 + 1e-5):
+            left = any(not lo - 1e-6 <= row @ x <= hi + 1e-6 for row, lo, hi in strips)
+            if left or look.V(x) > level * (1 + 1e-5):
                 return False
     return True
 
