@@ -146,8 +146,9 @@ def test_random_models_have_verdicts_that_simulations_and_twins_share(seed: int)
     assert differs(drawn, verdict, seed) is None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12, 400))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(k, marks=pytest.mark.long if k < 100 else pytest.mark.slow) for k in range(12, 400)]
+)
 def test_many_random_models_have_verdicts_that_simulations_share(seed: int) -> None:
     """The same for hundreds of models, without twins."""
     drawn = Drawn.of(seed)

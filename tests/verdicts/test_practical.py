@@ -170,3 +170,19 @@ def test_learned_functions_outside_their_sector_have_a_ball(seed: int) -> None:
 def test_a_learned_function_that_rises_far_out_has_no_ball() -> None:
     """With slopes that rise beyond the last knot runs go away, and no ball is certified."""
     assert not ps.certify(_learned_well(0.1, 0), claim="practical", time_limit=3).is_certified
+
+
+def test_a_ball_needs_functions_that_are_defined_for_all_states() -> None:
+    """Of x**1.5 of both signs, which no state but zero has, no ball is sought; the verdict says why."""
+    model = ps.PersidskiiModel([[-2.989]], [("x**1.5", [[-0.25], [1.58]], [[0.127, -0.792]])], [[-0.16]], x_ref=[0.49])
+    verdict = ps.certify(model, claim="practical")
+    assert isinstance(verdict, ps.Undecided)
+    assert verdict.reason.name == "OUTSIDE"
+    assert "x**1.5" in str(verdict.detail)
+
+
+def test_a_ball_of_a_model_with_constants_among_its_functions() -> None:
+    """Constants and their opposites are forms of which the cone has no facets; the ball is certified all the same."""
+    terms = [("1", [[0.57], [1.31]], [[-0.57, -1.31]]), ("softsign(x)", [[-1.0], [2.0]], [[0.5, -1.0]])]
+    model = ps.PersidskiiModel([[-2.518]], terms, [[-1.41, 0.04]], b=[-0.36], x_ref=[0.44])
+    assert isinstance(ps.certify(model, claim="practical"), ps.Certified)

@@ -109,9 +109,9 @@ def _gaps(
     own: Float[ndarray, "G d"], depth: Float[ndarray, " G"], e: Float[ndarray, " d"], L: Float[ndarray, "K d"]
 ) -> Float[ndarray, "N d"]:
     """Return the rays of the cone of L to which own functions are the nearest that are not deep in it."""
-    if not len(own):
-        return own
-    rays = facets(L)
+    rays = facets(L) if len(own) else own
+    if not len(rays):  # nothing is deep, or forms of which two are opposite: then L has no facets that are found here
+        return rays
     inside = _quotients(rays, own, e)
     shallow = inside.min(axis=0) < DEEP * depth
     return np.asarray(rays[np.unique(inside[:, shallow].argmin(axis=0))])

@@ -277,6 +277,9 @@ def _practical(asked: Question, verdict: Refuted | Failure | None, log: Log) -> 
         return verdict
     if asked.model.n > PRACTICAL_STATES or log.left() <= 0:
         return verdict
+    if missing := undefined(asked.model):
+        outside = Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
+        return verdict if isinstance(verdict, Refuted) else outside
     with log.attempt("a ball about x_ref that every run comes into") as outcome:
         answer = practically(asked.model, asked.each, log)
         outcome.append(_word(answer))
