@@ -1,5 +1,6 @@
 """The interior-point method on arrays of other namespaces than NumPy's."""
 
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -135,6 +136,17 @@ def test_a_step_reads_few_numbers_and_moves_no_matrix(order: int, monkeypatch: p
         state = taken.state
         assert len(reads) + len(there.moved) <= READS
         assert not count or max(there.moved) <= order  # the first step also moves the data of the problem
+
+
+def test_a_solution_holds_as_much_as_the_page_says() -> None:
+    """At most 26 matrices of the order are held at once, and the room of the Schur complement is given back."""
+    problem = _of_order(4 * LANCZOS_ORDER)
+    tracemalloc.start()
+    solution = solve(problem, iterations=3)
+    peak = tracemalloc.get_traced_memory()[1] / problem.order**2 / 8
+    tracemalloc.stop()
+    assert 12 < peak < 26
+    assert "_square" not in vars(solution.last.problem)
 
 
 def test_pytorch_waits_for_its_device_as_seldom() -> None:

@@ -154,6 +154,7 @@ def solve(
             taken, state = following, following.state
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
+    state.problem.release()  # what follows may be a larger problem, and this solution is kept meanwhile
     if state.t > 0 and status not in (Status.BLOCKED, Status.FEASIBLE) and state.is_interior:
         status = Status.FEASIBLE
     return Solution(status, state, taken, problem.C, first, tuple(log))

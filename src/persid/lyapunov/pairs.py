@@ -143,6 +143,10 @@ class Problem:
         """Room for the Schur complement: new pages for every step would cost a tenth of the time."""
         return self.arrays.empty(len(self.p), len(self.p))
 
+    def release(self) -> None:
+        """Give that room back; the next Schur complement takes it anew."""
+        self.__dict__.pop("_square", None)
+
     @cached_property
     def _inside(self) -> tuple[Array, Array]:
         """The pairs of two rows of S, and the matrix from their weights to all entries of sum w_k s_p s_q'."""
@@ -206,7 +210,9 @@ def sandwich(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, "r r"]:
     xp, (S, H, *_) = problem.arrays.xp, problem._rows
     lines = xp.asarray(_product(problem, M).T, copy=True)
     upper, height = S @ lines, S.shape[0]
-    return xp.concat([upper, xp.concat([upper[:, height:].T, H @ lines[:, height:]], axis=1)])
+    corner = H @ lines[:, height:]
+    del lines  # here a step holds the most
+    return xp.concat([upper, xp.concat([upper[:, height:].T, corner], axis=1)])
 
 
 def pairings(problem: Problem, M: Float[Array, "N N"]) -> Float[Array, " J"]:

@@ -84,8 +84,9 @@ class Unknowns:
         """Return what P holds beside its own unknowns: p diag(shape), less d r r' for every mu (claim R)."""
         found = p * np.diag(self.target.shape_of(self.system))
         for group, each in zip(self.system.groups, mu, strict=True):
-            d = self.target.lower.get(group.curve, np.zeros(len(each)))
-            found -= float(each @ d) * np.outer(group.row, group.row)
+            if group.curve in self.target.lower:
+                r = group.row[reads := np.flatnonzero(group.row)]
+                found[np.ix_(reads, reads)] -= float(each @ self.target.lower[group.curve]) * np.outer(r, r)
         return found
 
 
