@@ -27,7 +27,8 @@ from persid.lyapunov.system import Family, Multipliers
 from persid.lyapunov.unknowns import Label
 
 CLOSE = 0.003  # distance of t from its bound, relative, at which the unknowns that take part have done what they can
-SMALL, PATIENCE = 0.003, 2  # relative rise of t between two such places that is small; after so many it ends
+SMALL, PATIENCE = 0.003, 3  # relative rise of t between two such places that is small; after so many it ends,
+WIDE, WIDELY = 40, 2  # and of wider inequalities, whose rounds are dear and the last of which win .02 %, after so many
 FALL = 0.3  # share to which mu falls before unknowns join
 BACK = 0.1  # relative fall of t with which the way goes on when unknowns join there
 ROUNDS = 40
@@ -67,13 +68,14 @@ def largest(
     curves = [group.curve for group in whole.system.groups]
     known = [None if forms is None else [k for of, k in forms if of == curve] for curve in curves]
     steps, rounds, idle, reached, best = 0, 0, 0, -np.inf, (assembly, state)
+    patience = PATIENCE if whole.width <= WIDE else WIDELY
     while rounds < ROUNDS:
         state, taken = maximise(state, close=CLOSE, fall=FALL, left=left)
         steps, rounds = steps + taken, rounds + 1
         settled = not taken or state.gap < CLOSE * abs(state.t)
         best = (assembly, state) if state.t > best[1].t else best
         idle += settled and state.t - reached <= SMALL * abs(state.t)
-        if left() <= 0 or idle == PATIENCE:
+        if left() <= 0 or idle == patience:
             break
         reached = max(reached, state.t) if settled else reached
         X = congruent(assembly.problem.arrays, assembly.problem.C, state.X)
