@@ -88,6 +88,11 @@ class Interval:
         require_defined(other.lo > 0 or other.hi < 0, "division by zero")
         return self * _finite((1 / other.hi).lower(), (1 / other.lo).upper())
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is 0 alone, exactly."""
+        return bool(self.lo == 0 and self.hi == 0)
+
     def constant(self, value: Fraction) -> "Interval":
         """Return the constant."""
         return constant(value)

@@ -98,12 +98,9 @@ class Entry:
 
     def binary64(self) -> float:
         """Return the number of a text as float.hex() writes it."""
-        found = _numbers([self.value])
-        return (
-            found[0]
-            if found
-            else self.refuse(f"{str(self.value)[:40]!r} is not a finite number as float.hex() writes it")
-        )
+        if (found := _numbers([self.value])) is None:
+            self.refuse(f"{str(self.value)[:40]!r} is not a finite number as float.hex() writes it")
+        return found[0]
 
     def vector(self, size: int) -> list[float]:
         """Return so many numbers of a model."""

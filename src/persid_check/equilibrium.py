@@ -65,13 +65,13 @@ def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
     for channel in model.channels:
         spend(work_of(channel.program) + len(channel.row))
         f = value(channel.program, argument(channel.row, offset))
-        for i, weight in enumerate(channel.column if _not_zero([f]) else ()):
+        for i, weight in enumerate(() if f.is_zero else channel.column):
             total[i] = total[i] + constant(Fraction(weight)) * f if weight else total[i]
     return total
 
 
 def _not_zero(values: Sequence[Interval]) -> list[tuple[int, Interval]]:
-    return [(j, v) for j, v in enumerate(values) if v.lo != 0 or v.hi != 0]
+    return [(j, v) for j, v in enumerate(values) if not v.is_zero]
 
 
 def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:

@@ -46,7 +46,7 @@ def _low(c: fmpq) -> Coefficient:
 
 
 def _is_zero(c: Coefficient) -> bool:
-    return bool(c.lo == 0 and c.hi == 0) if isinstance(c, Interval) else bool(c == 0)
+    return c.is_zero if isinstance(c, Interval) else bool(c == 0)
 
 
 def _refuse_large(key: Key) -> None:

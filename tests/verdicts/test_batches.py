@@ -86,8 +86,7 @@ def test_a_process_that_dies_is_one_failure(monkeypatch: pytest.MonkeyPatch) -> 
 
 def process(model: Any, question: Any) -> Any:
     """Name the process that works on a model; one model kills it."""
-    if model == "bad":
-        os.kill(os.getpid(), signal.SIGKILL)
+    die(model, question)
     return batches.Failed(f"{model} in {os.getpid()}")
 
 

@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
 import pytest
 
 import persid as ps
 from persid.lyapunov import interior_point
-from persid.verdicts.searches import SHORTENED_STATES
 
 
 @dataclass
@@ -46,16 +44,6 @@ def test_a_function_that_dips_to_zero_is_searched_once(counted: Counted) -> None
     assert counted.steps <= 90  # 275 with forms that no proof holds
     assert verdict.certificate.rate == pytest.approx(0.549, rel=0.02)  # 0.25 then
     assert verdict.margin is not None
-
-
-def test_more_states_are_proved_without_a_rate_first() -> None:
-    """A ring of more states than small models have is certified with a rate, too."""
-    n = SHORTENED_STATES + 1
-    ring = 0.2 * np.roll(np.eye(n), 1, axis=0) - np.eye(n)
-    verdict = ps.certify(ps.PersidskiiModel(ring, [("tanh(x)", None, ring)], np.eye(n)[:, :1]))
-    assert isinstance(verdict, ps.Certified)
-    assert verdict.certificate.rate is not None
-    assert verdict.certificate.rate > 0.3
 
 
 def test_the_margin_begins_with_what_earlier_proofs_used(counted: Counted) -> None:

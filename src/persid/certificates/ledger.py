@@ -95,10 +95,10 @@ def definite(M: Matrix) -> list[list[int]] | Json:
 
     A small one that floating point does not bear is eliminated in fractions.
     """
-    error = RoundingError("a matrix of the proof is too large")
+    seen, error = floats(M), RoundingError("a matrix of the proof is too large")
     for make in [root] * is_large(*M.shape) + [factor] * (M.height <= FACTORED):
         try:
-            return make(floats(M))
+            return make(seen)
         except RoundingError as failed:
             error = failed
     if M.height > ELIMINATED:

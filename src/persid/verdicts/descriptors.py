@@ -84,7 +84,7 @@ def _global(asked: Question, points: Sequence[OperatingPoint], log: Log) -> Cert
     if witness is not None:
         return Refuted(witness, tuple(log.attempts))
     if missing := undefined(model.rows):
-        return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
+        return words.not_defined(missing)
     point = None if is_reference(model.rows, nearest) else nearest
     frame = _frame(model, point)
     frame = frame.monotone if asked.claim == "incremental" else frame
@@ -136,7 +136,7 @@ def _in_box(
         sides = Place.about(nearest.x[:k], rows.x_ref[:k], nearest.radius, box).box or ()
         frame = on_box(_candidates(model, nearest), sides)
         if missing := _ended(frame):
-            return Failure(Reason.OUTSIDE, words.UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
+            return words.not_defined(missing, words.UNDEFINED_IN_BOX)
         with log.attempt("region in the box, with equations that have one solution in it") as outcome:
             about = About(model, nearest, model.jacobian(nearest.x))
             found = by_box(about, frame, asked.rate, asked.each, log)

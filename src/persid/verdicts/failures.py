@@ -1,5 +1,6 @@
 """Failures: why an attempt found no certificate, in words that say what to try."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from persid.certificates.obstruction import Obstruction
@@ -60,6 +61,11 @@ STOPPED = {  # why nothing was found where a solver stopped so
     Status.STALLED: Failure(Reason.STALLED, NO_MARGIN),
     Status.TIME: Failure(Reason.TIME, "Give more time (time_limit)."),
 }
+
+
+def not_defined(missing: Sequence[str], text: str = UNDEFINED) -> Failure:
+    """Return that functions are not proved to be defined and continuous; the first four are named."""
+    return Failure(Reason.OUTSIDE, text.format("; ".join(missing[:4])))
 
 
 def stopped(status: Status) -> Failure:

@@ -132,7 +132,7 @@ def _global(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Ce
     if not points:
         return Failure(Reason.OUTSIDE, words.NO_POINT)
     if missing := undefined(asked.model):
-        return Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
+        return words.not_defined(missing)
     if log.left() <= 0:
         return stopped(Status.TIME)
     setting = Setting.of(asked.model, points[0], arrays=asked.arrays)
@@ -278,8 +278,7 @@ def _practical(asked: Question, verdict: Refuted | Failure | None, log: Log) -> 
     if asked.model.n > PRACTICAL_STATES or log.left() <= 0:
         return verdict
     if missing := undefined(asked.model):
-        outside = Failure(Reason.OUTSIDE, words.UNDEFINED.format("; ".join(missing[:4])))
-        return verdict if isinstance(verdict, Refuted) else outside
+        return verdict if isinstance(verdict, Refuted) else words.not_defined(missing)
     with log.attempt("a ball about x_ref that every run comes into") as outcome:
         answer = practically(asked.model, asked.each, log)
         outcome.append(_word(answer))
@@ -354,7 +353,7 @@ def _regional(asked: Question, points: tuple[OperatingPoint, ...], box: ndarray,
         if not (point.reach(box) > 0).all():
             continue
         if missing := undefined(asked.model, point, box):
-            return first or Failure(Reason.OUTSIDE, words.UNDEFINED_IN_BOX.format("; ".join(missing[:4])))
+            return first or words.not_defined(missing, words.UNDEFINED_IN_BOX)
         if log.left() <= 0:
             return first or stopped(Status.TIME)
         setting = Setting.of(asked.model, point, box, asked.arrays)

@@ -231,7 +231,7 @@ def _invariant_line(claim: Refutation) -> None:
     ):
         raise NotProvedError("witness.direction", "the line is not proved invariant")
     try:
-        if any(not _is_zero(value(program, constant(Fraction(0)))) for program, _ in parts):
+        if any(not value(program, constant(Fraction(0))).is_zero for program, _ in parts):
             raise NotProvedError("witness", "x_ref is not an equilibrium for u")
         g = constant(linear[place] / v[place] * s0)
         for (program, rho), column in parts.items():
@@ -240,10 +240,6 @@ def _invariant_line(claim: Refutation) -> None:
         raise NotProvedError("witness.offset", "g is not enclosed there") from None
     if not (constant(s0) * g).lo >= 0:
         raise NotProvedError("witness.offset", "s g(s) is not proved to be at least 0 there")
-
-
-def _is_zero(enclosed: Interval) -> bool:
-    return bool(enclosed.lo == 0 and enclosed.hi == 0)
 
 
 def _along(channels: Sequence[Channel], v: Sequence[Fraction]) -> Mapping[Part, list[Fraction]]:
