@@ -188,7 +188,8 @@ def test_one_signed_facts_do_not_go_on_along_chords() -> None:
     """What is one-signed on a domain may not be so beyond: such facts are refused of rows with algebraic variables."""
     content = _content()
     forms = content["curves"][0]["forms"]
-    forms.append({**forms[0], "l": [ZERO, ZERO], "is": "one-signed", "upper": None, "lower": None})
+    cuts = content["curves"][0]["continuous"]
+    forms.append({**forms[0], "l": [ZERO, ZERO], "is": "one-signed", "cuts": cuts, "upper": None, "lower": None})
     assert isinstance(check(data(with_proof(content))), Accepted)
     k = len(forms) - 1
     content["facts"]["one_signed"] = [[0, k, 0, k, ONE]]

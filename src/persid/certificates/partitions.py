@@ -36,7 +36,7 @@ def cuts_of(lemma: Lemma, domain: Piece | None) -> Cuts | None:
     low, high = lemma.centre or (_ZERO, _ZERO)
     if lemma.kind in SLOPES and domain is None and lemma.centre is not None:  # its pieces do not know the centre
         found = cuts_of(replace(lemma, centre=None), None)
-        if found is None or (found[0] < low and high < found[-1]):
+        if found is None or ((-found[-1] if lemma.even else found[0]) < low and high < found[-1]):
             return found
     negative = _seems_negative(lemma, domain)
     if negative and lemma.kind not in SUMMED:
@@ -81,7 +81,7 @@ def _seen_germ(lemma: Lemma, ends: tuple[Fraction, Fraction]) -> Cuts | None:
     middle = _ZERO if lemma.kind in SLOPES else low
     if lemma.kind not in (*SLOPES, "one-signed") and low != high:
         return _seen_widest(lemma, [(max(low - h, ends[0]), min(high + h, ends[1])) for h in GERMS])
-    if not ends[0] < middle < ends[1]:
+    if not ends[0] <= middle < ends[1]:
         return (ends[0],)
     left = _seen_widest(lemma, [(middle - h, middle) for h in _within(middle - ends[0])])
     right = _seen_widest(lemma, [(middle, middle + h) for h in _within(ends[1] - middle)])
@@ -127,14 +127,16 @@ def _graded(lemma: Lemma, domain: Piece | None, ends: Piece) -> Cuts | None:
     """
     low, high = lemma.centre or (_ZERO, _ZERO)
     middle = [low] if low == high else []
+    outward = [(low, -1, low - ends[0]), (high, 1, ends[1] - high)]
+    hinges = [t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high]
     for count in (16, 64, 256, 1024, 8192):
-        left = [*middle, *(low - d for d in _distances(low - ends[0], count))]
-        right = [*middle, *(high + d for d in _distances(ends[1] - high, count))]
-        hinges = [t for t in _hinges(lemma.functions) if ends[0] < t < ends[1] and not low < t < high]
-        thin = [_thinned(lemma, side) for side in (left, right)]
+        sides = [
+            [*middle, *(start + sign * d for d in _distances(reach, count))] for start, sign, reach in outward if reach
+        ]
+        thin = [_thinned(lemma, side) for side in sides]
         if all(thin):
-            for sides in (thin, (left, right)):
-                cuts = _ordered([*sides[0], *sides[1], *hinges])
+            for each in (thin, sides):
+                cuts = _ordered([*(t for side in each for t in side), *hinges])
                 if lemma.unproved(cuts, domain) is None:
                     return cuts
     return None
@@ -199,13 +201,24 @@ def _distances(reach: Fraction, count: int) -> list[Fraction]:
 
 
 def _ends(lemma: Lemma, domain: Piece | None) -> Piece | None:
-    """Return the domain, or the nearest cuts beyond which the tails are proved and inside which all centres lie."""
+    """Return the domain, or the nearest cuts beyond which the tails are proved and inside which all centres lie.
+
+    Where both sides are alike they begin at 0.
+    """
     low, high = lemma.centre or (_ZERO, _ZERO)
     if domain is not None:
-        return low + domain[0], high + domain[1]
-    right = next((Y for Y in TAILS if high < Y and lemma.holds_beyond(Y, 1)), None)
-    left = next((Y for Y in TAILS if low > -Y and lemma.holds_beyond(Y, -1)), None)
+        left, right = low + domain[0], high + domain[1]
+        return (_ZERO if lemma.even and left == -right else left), right
+    if lemma.even:
+        right = _tail(lemma, max(high, -low), 1)
+        return None if right is None else (_ZERO, right)
+    right, left = _tail(lemma, high, 1), _tail(lemma, -low, -1)
     return None if left is None or right is None else (-left, right)
+
+
+def _tail(lemma: Lemma, beyond: Fraction, sign: int) -> Fraction | None:
+    """Return the nearest cut from which on a tail is proved, None without one."""
+    return next((Y for Y in TAILS if beyond < Y and lemma.holds_beyond(Y, sign)), None)
 
 
 def _germ(lemma: Lemma, ends: Piece) -> Cuts | None:
@@ -213,7 +226,7 @@ def _germ(lemma: Lemma, ends: Piece) -> Cuts | None:
     low, high = lemma.centre or (_ZERO, _ZERO)
     if lemma.kind in SLOPES or lemma.kind == "one-signed" or low == high:
         middle = _ZERO if lemma.kind in SLOPES or low != high else low
-        if not ends[0] < middle < ends[1]:
+        if not ends[0] <= middle < ends[1]:
             return (ends[0], ends[0])
         reach = middle - ends[0], ends[1] - middle
         left = _widest(_within(reach[0]), lambda h: lemma.holds_on(middle - h, middle))

@@ -66,18 +66,28 @@ class Lemma:
             return self._unproved_on(cuts, domain)
 
     def _unproved_on(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
-        low, high = self._star
+        (low, high), first, ends = self._star, cuts[0], _ends(cuts, domain)
+        if first == 0 and self.even:  # what holds to the right of 0 holds to the left
+            first, ends = -cuts[-1], ends[1:]
         if domain is not None and self.kind in STRICT:
             return "growth is a property on all of R"
-        if domain is not None and not (cuts[0] <= low + domain[0] and high + domain[1] <= cuts[-1]):
+        if domain is not None and not (first <= low + domain[0] and high + domain[1] <= cuts[-1]):
             return "the cuts do not cover the domain"
-        if domain is None and not (cuts[0] < min(low, _ZERO) and max(high, _ZERO) < cuts[-1]):
+        if domain is None and not (first < min(low, _ZERO) and max(high, _ZERO) < cuts[-1]):
             return "the cuts do not hold 0 and the centre inside"
         if self.kind in SUMMED:
-            return self._added_up(cuts, domain)
-        return _first_unproved(self, pairwise(cuts), _ends(cuts, domain))
+            return self._added_up(cuts) or _first_unproved(self, (), ends)
+        return _first_unproved(self, pairwise(cuts), ends)
 
-    def _added_up(self, cuts: Cuts, domain: tuple[Fraction, Fraction] | None) -> str | None:
+    @cached_property
+    def even(self) -> bool:
+        """Whether the quantity is the same at y and at -y: g is odd by its form, and seen from 0."""
+        if self.kind == "one-signed" or (self.kind not in SLOPES and any(self._star)):
+            return False
+        spend(_work(self.functions))
+        return is_odd([function for c, function in zip(self.form[1:], self.functions, strict=True) if c])
+
+    def _added_up(self, cuts: Cuts) -> str | None:
         """The gap is the allowance at the centre and rises by at least q times the width, outward on both sides."""
         low, high = self._star
         pieces = list(pairwise(cuts))
@@ -91,7 +101,7 @@ class Lemma:
                 gap = gap if least is None else gap + constant(b - a) * least
                 if least is None or not gap.lo >= 0:
                     return f"the sum over the piece from {_shown(a)} to {_shown(b)}"
-        return _first_unproved(self, (), _ends(cuts, domain))
+        return None
 
     def _least_on(self, a: Fraction, b: Fraction) -> Interval | None:
         """Return a lower bound of the mean of q on a piece on one side of the centre, 0 where no better one is known.
@@ -348,7 +358,7 @@ def _runs(program: Program, alpha: Fraction, y: E, lipschitz: bool) -> bool:
     return not isinstance(slope, Interval) or bool(slope.lo.is_finite() and slope.hi.is_finite())
 
 
-def is_odd(functions: Functions) -> bool:
+def is_odd(functions: Iterable[tuple[Program, Fraction]]) -> bool:
     """Whether every function is odd by its form: f(-y) = -f(y)."""
     return all(value(program, _Parity(1)).of == 1 for program, _ in functions)
 
