@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import repeat
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy import ndarray
 
 from persid.lyapunov.arrays import Array
@@ -190,21 +190,18 @@ def join(
     """
     price, worth = prices
     length = np.sqrt(0.5 * np.diag(price))
-    price, worth = price / np.outer(length, length), np.nan_to_num((worth + bound) / length, nan=np.inf)
-    price[np.tril_indices(len(price))] = np.inf
-    price[tuple(np.array(family.products, int).reshape(-1, 2).T)] = np.inf
-    worth[list(family.densities)] = np.inf
+    price, worth = price / np.outer(length, length), (worth + bound) / length
     if known is not None:
-        others = np.isin(np.arange(len(worth)), list(known), invert=True)
+        others = np.ones(len(worth), bool)
+        others[list(known)] = False
         price += STRANGE * (others | others[:, None])
         worth += STRANGE * others
-    k, j = np.unravel_index(_least(price.ravel(), most), price.shape)
-    products = [(int(a), int(b)) for a, b in zip(k, j, strict=True) if price[a, b] < 0]
-    densities = [int(k) for k in _least(worth, (most + 1) // 2) if worth[k] < 0]
+    helps = np.triu(price < 0, 1)
+    helps[tuple(np.array(family.products, int).reshape(-1, 2).T)] = False
+    k, j = np.nonzero(helps)
+    least = np.argsort(price[k, j])[:most]
+    products = zip(k[least].tolist(), j[least].tolist(), strict=True)
+    worth[list(family.densities)] = np.inf
+    (k,) = np.nonzero(worth < 0)  # where there is no price there is no form of V
+    densities = k[np.argsort(worth[k])[: (most + 1) // 2]].tolist()
     return Family(family.forms, (*family.densities, *densities), (*family.products, *products))
-
-
-def _least(values: Float[ndarray, " N"], count: int) -> Int[ndarray, " c"]:
-    """Return the places of so many of the least values, the least first."""
-    found = np.argpartition(values, count)[:count] if count < len(values) else np.arange(len(values))
-    return np.asarray(found[np.argsort(values[found])])

@@ -57,19 +57,23 @@ def _spared(outcome: Outcome, known: Collection[Form]) -> list[Form]:
 
 def in_use(outcome: Outcome) -> list[Form]:
     """Return the forms of an outcome, those of the smallest multipliers first: as unknowns these have no units."""
-    unknowns, weight = outcome.assembly.unknowns, dict[Form, float]()
-    for label, y in zip(unknowns.labels, np.abs(outcome.solution.y), strict=True):
+    unknowns, weight = outcome.assembly.unknowns, dict[tuple[int, int], float]()
+    curves = [group.curve for group in unknowns.system.groups]
+    first = [curves.index(curve) for curve in curves]
+    for label, y in zip(unknowns.labels, np.abs(outcome.solution.y).tolist(), strict=True):
         if label[0] in ("mu", "tau"):
-            curve = unknowns.system.groups[label[1]].curve
             for k in label[2:]:
-                weight[curve, k] = weight.get((curve, k), 0.0) + float(y)
-    return sorted(weight, key=lambda form: weight[form])
+                at = first[label[1]], k
+                weight[at] = weight.get(at, 0.0) + y
+    return [(curves[g], k) for g, k in sorted(weight, key=weight.__getitem__)]
 
 
 def _solved(whole: Catalogue, outcome: Outcome, forms: Collection[Form], left: Callable[[], float]) -> Outcome | None:
-    unknowns, kept = outcome.assembly.unknowns, set(forms)
+    unknowns, kept = outcome.assembly.unknowns, dict[Curve, set[int]]()
+    for curve, k in forms:
+        kept.setdefault(curve, set()).add(k)
     groups = zip(unknowns.system.groups, unknowns.families, strict=True)
-    assembly = whole.assembly([_without(group.curve, family, kept) for group, family in groups])
+    assembly = whole.assembly([_without(family, kept.get(group.curve, set())) for group, family in groups])
     if not assembly.problem.cost.any():  # no V is left
         return None
     solution = solve(assembly.problem, time_limit=left())
@@ -79,8 +83,8 @@ def _solved(whole: Catalogue, outcome: Outcome, forms: Collection[Form], left: C
     return found if solution.status is Status.FEASIBLE else None
 
 
-def _without(curve: Curve, family: Family, kept: Collection[Form]) -> Family:
+def _without(family: Family, kept: Collection[int]) -> Family:
     """Return the densities and products of a family that read kept forms alone."""
-    densities = tuple(k for k in family.densities if (curve, k) in kept)
-    products = tuple(pair for pair in family.products if all((curve, k) in kept for k in pair))
+    densities = tuple(k for k in family.densities if k in kept)
+    products = tuple((k, j) for k, j in family.products if k in kept and j in kept)
     return Family(family.forms, densities, products)
