@@ -207,8 +207,8 @@ def _ends(lemma: Lemma, domain: Piece | None) -> Piece | None:
     """
     low, high = lemma.centre or (_ZERO, _ZERO)
     if domain is not None:
-        left, right = low + domain[0], high + domain[1]
-        return (_ZERO if lemma.even and left == -right else left), right
+        first, last = low + domain[0], high + domain[1]
+        return (_ZERO if lemma.even and first == -last else first), last
     if lemma.even:
         right = _tail(lemma, max(high, -low), 1)
         return None if right is None else (_ZERO, right)

@@ -192,8 +192,7 @@ def join(
     length = np.sqrt(0.5 * np.diag(price))
     price, worth = price / np.outer(length, length), (worth + bound) / length
     if known is not None:
-        others = np.ones(len(worth), bool)
-        others[list(known)] = False
+        others = np.isin(np.arange(len(worth)), list(known), invert=True)
         price += STRANGE * (others | others[:, None])
         worth += STRANGE * others
     helps = np.triu(price < 0, 1)
