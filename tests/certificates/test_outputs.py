@@ -209,6 +209,16 @@ def test_a_map_without_a_constant_is_refused_at_once() -> None:
         ps.certify(ps.OutputModel(ps.PersidskiiModel([[-1.0]], [], [[1.0]]), [[1.0]], output_map="x**2"))
 
 
+@pytest.mark.parametrize("output_map", ["x/(1+x**2)", "x*exp(-x**2)"])
+def test_odd_maps_have_cuts_on_both_sides(output_map: str) -> None:
+    """One list of cuts proves slopes and continuity, which has no symmetry: it has the pieces below 0, too."""
+    latent = ps.PersidskiiModel([[-1.0]], [("tanh(x)", [[1.0]], [[-1.0]])], [[1.0]])
+    verdict = ps.certify(ps.OutputModel(latent, [[1.0]], output_map=output_map))
+    assert isinstance(verdict, ps.Certified)
+    assert isinstance(verdict.certificate, Certificate)
+    assert verdict.certificate.outputs == ("y1",)
+
+
 def test_states_alone_have_no_bound_of_outputs() -> None:
     """A certificate of states says which model has bounds of outputs."""
     verdict = ps.certify(ps.PersidskiiModel([[-1.0]], [], [[1.0]]))

@@ -77,7 +77,7 @@ def steepness(text: str) -> list[Any]:
     ):
         if found is None:
             raise RoundingError(f"no proof that {text} is nowhere steeper than {steepest(text)}")
-        cuts |= set(found)
+        cuts |= {*found, *(-t for t in found if found[0] == 0)}  # what is proved by symmetry is written on both sides
     return [L, written_cuts(tuple(sorted(cuts)))]
 
 
