@@ -5,7 +5,12 @@ import pytest
 from numpy import ndarray
 
 from persid.lyapunov import pairs
+from persid.lyapunov.deviations import Deviation
+from persid.lyapunov.inequality import assemble
 from persid.lyapunov.pairs import Problem, combine, lengths, pairings, sandwich, schur
+from persid.lyapunov.shifted_model import Setting
+from persid.lyapunov.system import Family, Target
+from persid.models.model import PersidskiiModel
 from random_problems import random_assembly
 
 SEEDS = (0, 2, 4, 5)  # diagonal and full P, general rows, a dropped state
@@ -57,3 +62,18 @@ def test_schur_complement(seed: int, formed: int, monkeypatch: pytest.MonkeyPatc
     np.testing.assert_allclose(of.pairings(U), [np.vdot(e, U) for e in E])
     np.testing.assert_allclose(of.dual(of.pairings(U)), U)
     np.testing.assert_allclose(of.matrix(of.entries(U)), U)
+
+
+def test_schur_complement_of_unknowns_of_many_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unknowns of several pairs with any weights, before the others and after, are the sums of theirs."""
+    monkeypatch.setattr(pairs, "FORMED", 0)
+    model = PersidskiiModel([[-1.0, 0.3], [0.2, -2.0]], [("tanh(x)", None, -np.eye(2))], [[1.0], [0.5]])
+    setting = Setting.of(model, None)
+    deviation = Deviation.of_residual(np.ones(2), np.array([True, False]), 0.1, 5)
+    target = Target(0.5, 3.0, deviations=(deviation,))
+    families = [Family.full(setting.pools[group.curve][:3]) for group in setting.found]
+    problem = assemble(setting.system, families, full_P=True, target=target).problem
+    assert problem.tie is not None
+    F, X, V = _dense(problem), _positive(problem.order, 1), _positive(problem.order, 2)
+    wanted = [[np.trace(f @ X @ g @ V) for g in F] for f in F]
+    np.testing.assert_allclose(np.tril(schur(problem, X, V)), np.tril(wanted), rtol=1e-8, atol=1e-8)

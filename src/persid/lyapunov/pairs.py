@@ -8,6 +8,8 @@ host; what is computed with lives where its `arrays` say.
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -141,7 +143,12 @@ class Problem:
     @cached_property
     def _square(self) -> Array:
         """Room for the Schur complement: new pages for every step would cost a tenth of the time."""
-        return self.arrays.empty(len(self.p), len(self.p))
+        return self.arrays.empty(len(self.cost), len(self.cost))
+
+    @cached_property
+    def _one_each(self) -> "OneEach":
+        """The pairs with one of each unknown first."""
+        return OneEach.of(self)
 
     def release(self) -> None:
         """Give that room back; the next Schur complement takes it anew."""
@@ -257,19 +264,70 @@ def schur(problem: Problem, X: Float[Array, "N N"], V: Float[Array, "N N"]) -> F
         shape, lines = (len(problem.cost), -1), problem._formed.reshape(-1, problem.order)
         transposed = (lines @ V).reshape(-1, problem.order, problem.order).transpose(0, 2, 1)
         return (lines @ X).reshape(shape) @ transposed.reshape(shape).T
-    _, _, p, q = problem._rows
     Y, V = sandwich(problem, X), sandwich(problem, V)
-    M = pair_products(p, q, Y, V, problem._square, problem.arrays.block)
-    return M if problem.tie is None else tied(M, problem._ties[1])
+    return problem._one_each.schur(Y, V, problem._square, problem.arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class OneEach:
+    """Pairs (p, q): one of each of J unknowns first, with the weight 1, and then R others that some unknowns have.
+
+    Those are m unknowns, in runs of which each stands at a slice of all and at one of the m. Mostly m is small, and the
+    Schur complement is that of single pairs, J by J, and little more.
+    """
+
+    p: Int[Array, " K"]
+    q: Int[Array, " K"]
+    weights: Any  # of the others in all unknowns, (J, R),
+    few: Any  # and in those that have others, (m, R)
+    runs: tuple[tuple[slice, slice], ...]
+
+    @classmethod
+    def of(cls, problem: Problem) -> "OneEach":
+        """Put the pairs of a problem in order; one whose weight is not 1 is another pair, too, with what is left."""
+        of, count = problem.arrays, len(problem.cost)
+        tie = sparse.csr_array(sparse.eye_array(count) if problem.tie is None else problem.tie)
+        first = np.unique(tie.indices, return_index=True)[1]
+        weight = tie.data.copy()
+        weight[first] -= 1
+        others = np.flatnonzero(weight)
+        order, unknown = np.concatenate([first, others]), tie.indices[others]
+        entries = weight[others], (unknown, np.arange(len(others)))
+        weights, several = sparse.csr_array(entries, shape=(count, len(others))), np.unique(unknown)
+        runs = _runs(several)
+        few = of.sparse(weights[several])
+        return cls(of.put(problem.p[order]), of.put(problem.q[order]), of.sparse(weights), few, runs)
+
+    def schur(self, Y: Float[Array, "r r"], V: Float[Array, "r r"], M: Float[Array, "J J"], of: Arrays) -> Array:
+        """Write tr(F_k X F_l Z^-1) to the lower triangle of M, from D X D' and D Z^-1 D'."""
+        count, size, tril = M.shape[0], self.p.shape[0], of.xp.tril
+        pair_products(self.p[:count], self.q[:count], Y, V, M, of.block)
+        if self.runs:
+            lines = pair_products(self.p, self.q, Y, V, of.empty(size - count, size), of.block)
+            own = 0.5 * (tril(lines[:, count:]) + tril(lines[:, count:], k=-1))
+            half = self.few @ (lines[:, :count] + (self.weights @ own.T).T)
+            for at, those in self.runs:
+                M[at, : at.stop] += half[those, : at.stop]
+                M[at.start :, at] += half[those, at.start :].T
+        return M
+
+
+def _runs(places: Int[ndarray, " m"]) -> tuple[tuple[slice, slice], ...]:
+    """Return where runs of consecutive numbers stand, among all numbers and among the ones given."""
+    ends = np.flatnonzero(np.diff(places, prepend=-2, append=np.iinfo(int).max) > 1).tolist()
+    return tuple((slice(int(places[a]), int(places[a]) + b - a), slice(a, b)) for a, b in pairwise(ends))
 
 
 def pair_products(
     p: Int[Array, " K"], q: Int[Array, " K"], Y: Float[Array, "r r"], V: Float[Array, "r r"],
-    M: Float[Array, "K K"], block: int,
-) -> Float[Array, "K K"]:  # fmt: skip
-    """Write tr(F_k X F_l Z^-1) of single pairs (p_k, q_k) to the lower triangle of M, a `block` of rows at a time."""
-    take = array_namespace(M).take
-    for start in range(0, p.shape[0], block):
+    M: Float[Array, "k K"], block: int,
+) -> Float[Array, "k K"]:  # fmt: skip
+    """Write tr(F_k X F_l Z^-1) of single pairs (p_k, q_k) to the lower triangle of M, a `block` of rows at a time.
+
+    M has the last lines, all or some.
+    """
+    take, before = array_namespace(M).take, M.shape[1] - M.shape[0]
+    for start in range(before, p.shape[0], block):
         stop = min(start + block, p.shape[0])
         rows = slice(start, stop)
         r, s = p[:stop], q[:stop]
@@ -278,7 +336,7 @@ def pair_products(
         products += take(Yq, s, axis=1) * take(Vp, r, axis=1)
         products += take(Yp, r, axis=1) * take(Vq, s, axis=1)
         products += take(Yp, s, axis=1) * take(Vq, r, axis=1)
-        M[rows, :stop] = products
+        M[start - before : stop - before, :stop] = products
     return M
 
 
