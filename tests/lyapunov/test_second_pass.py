@@ -1,13 +1,18 @@
 """The second pass: forms that are not needed leave, for a stated share of what is asked."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 import persid as ps
+from persid.lyapunov import second_pass
+from persid.lyapunov.inequality import Catalogue
 from persid.lyapunov.multipliers import choose
 from persid.lyapunov.rates import Question
 from persid.lyapunov.search import Outcome
 from persid.lyapunov.second_pass import RATE, RATIO, in_use, loosened, with_fewer_forms
+from persid.lyapunov.sectors import Form
 from persid.lyapunov.shifted_model import Setting
 from persid.lyapunov.system import Target
 
@@ -89,3 +94,22 @@ def test_known_forms_stay() -> None:
     assert sorted(in_use(with_fewer_forms(outcome, target, plenty, known)), key=known.index) == known
     half = known[1::2]
     assert set(half) <= set(in_use(with_fewer_forms(outcome, target, plenty, half)))
+
+
+def test_what_failed_is_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No choice of forms is tried that another one holds which was not enough."""
+    failed, solved, tried = list[set[Form]](), second_pass._solved, list[bool]()
+
+    def watched(whole: Catalogue, outcome: Outcome, forms: set[Form], left: Callable[[], float]) -> Outcome | None:
+        tried.append(any(map(forms.issubset, failed)))
+        answer = solved(whole, outcome, forms, left)
+        failed.extend([forms] if answer is None else [])
+        return answer
+
+    monkeypatch.setattr(second_pass, "_solved", watched)
+    for ratio in (0.6, 0.62, 0.65):
+        _, outcome = found(SATURATING, 0.9, ratio)
+        failed.clear()
+        with_fewer_forms(outcome, loosened(outcome.assembly.unknowns.target), plenty)
+    assert len(tried) > 12
+    assert not any(tried)

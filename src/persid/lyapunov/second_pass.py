@@ -40,11 +40,12 @@ def with_fewer_forms(
     unknowns = outcome.assembly.unknowns
     whole = catalogue(unknowns.system, unknowns.families, unknowns.symmetric > 0, target)
     forms = _spared(outcome, known)
-    count = len(forms) if known else (len(forms) + 1) // 2
+    count, failed = len(forms) if known else (len(forms) + 1) // 2, list[set[Form]]()
     while count and left() > 0:
-        found = _solved(whole, outcome, {*forms[count:], *known}, left)
+        kept = {*forms[count:], *known}
+        found = None if any(map(kept.issubset, failed)) else _solved(whole, outcome, kept, left)
         if found is None:
-            count //= 2
+            count, failed = count // 2, [*failed, kept]
         else:
             outcome, forms = found, _spared(found, known)
             count = min(count, (len(forms) + 1) // 2)
