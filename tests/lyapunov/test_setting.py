@@ -31,3 +31,14 @@ def test_no_effect_no_forms() -> None:
     setting = Setting.of(ps.PersidskiiModel([[-1.0]], [("tanh(x)", None, [[0.0]])], [[1.0]]), None)
     (curve,) = {group.curve for group in setting.found}
     assert len(setting.pools[curve]) == len(setting.upper[curve]) == len(setting.below[curve]) == 0
+
+
+def test_each_group_begins_with_its_own() -> None:
+    """What one group uses is none of the others', though their functions are the same."""
+    setting = Setting.of(ps.PersidskiiModel(-np.eye(2), [("tanh(x)", None, -np.eye(2))], np.ones((2, 1))), None)
+    curve = setting.found[1].curve
+    assert setting.found[0].curve == curve
+    first, second = (tuple(form) for form in setting.pools[curve][:2].tolist())
+    families = setting.families({(1, curve, frozenset([first])), (1, curve, frozenset([first, second]))})
+    assert [family.densities for family in families] == [(), (0,)]
+    assert [family.products for family in families] == [(), ((0, 1),)]

@@ -23,7 +23,7 @@ SMALLEST = 1e-13  # eigenvalue, in units in which the diagonal is 1, from which 
 LOSS = 1.005  # by which gamma may grow, and the lower bound of V shrink, for a proof with fewer forms
 
 
-Used = tuple[Curve, frozenset[tuple[float, ...]]]  # a form of a curve, or the product of two
+Used = tuple[int, Curve, frozenset[tuple[float, ...]]]  # a form of a group and its curve, or the product of two
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +63,12 @@ class Lyapunov:
 
     @property
     def used(self) -> set[Used]:
-        """The forms and the products in use, each with its curve."""
+        """The forms and the products in use, each with its group and curve."""
         found = set[Used]()
-        for group, part in zip(self.system.groups, self.chosen, strict=True):
+        for g, (group, part) in enumerate(zip(self.system.groups, self.chosen, strict=True)):
             forms = [tuple(form) for form in part.forms.tolist()]
-            found |= {(group.curve, frozenset([form])) for form in forms}
-            found |= {(group.curve, frozenset([forms[k], forms[j]])) for k, j, _ in part.products}
+            found |= {(g, group.curve, frozenset([form])) for form in forms}
+            found |= {(g, group.curve, frozenset([forms[k], forms[j]])) for k, j, _ in part.products}
         return found
 
     @cached_property

@@ -97,13 +97,13 @@ class Setting:
         return setting
 
     def families(self, used: Collection[Used]) -> tuple[Family, ...]:
-        """Return the families of forms and products in use, as far as they stand in the pools; any form may be in V."""
+        """Return the families of what each group uses, as far as it stands in the pools; any form may be in V."""
         found = []
-        for group in self.found:
+        for g, group in enumerate(self.found):
             forms = self.pools[group.curve]
             places = {tuple(form): k for k, form in enumerate(forms.tolist())}
-            known = sorted(sorted(places[form] for form in one) for curve, one in used
-                           if curve == group.curve and one <= places.keys())  # fmt: skip
+            known = sorted(sorted(places[form] for form in one) for at, curve, one in used
+                           if (at, curve) == (g, group.curve) and one <= places.keys())  # fmt: skip
             products = tuple((one[0], one[1]) for one in known if len(one) == 2)
             found.append(Family(forms, tuple(one[0] for one in known if len(one) == 1), products))
         return tuple(found)
