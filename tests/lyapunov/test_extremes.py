@@ -12,6 +12,7 @@ from persid.lyapunov.second_pass import in_use
 from persid.lyapunov.shifted_model import Setting
 
 FEW = 45  # steps of the interior-point method from an outcome to the smallest gain; a single question takes about ten
+NARROW = 240  # unknowns at its end, of five states: 340 to 450 where the way went on from near the boundary
 
 
 def plenty() -> float:
@@ -19,11 +20,11 @@ def plenty() -> float:
     return 60.0
 
 
-def drawn(seed: int) -> tuple[ps.PersidskiiModel, Question]:
-    """Return a random model of two states with x**3 and tanh, and the global question about it, a full P."""
-    rng = np.random.default_rng(seed)
-    terms = [(f, None, 0.3 * rng.normal(size=(2, 2)) - np.eye(2)) for f in ("x**3", "tanh(x)")]
-    model = ps.PersidskiiModel(0.5 * rng.normal(size=(2, 2)) - np.eye(2), terms, rng.normal(size=(2, 1)))
+def drawn(seed: int, n: int = 2) -> tuple[ps.PersidskiiModel, Question]:
+    """Return a random model of n states with x**3 and tanh, and the global question about it, a full P."""
+    rng, size = np.random.default_rng(seed), np.sqrt(2 / n)
+    terms = [(f, None, 0.3 * size * rng.normal(size=(n, n)) - np.eye(n)) for f in ("x**3", "tanh(x)")]
+    model = ps.PersidskiiModel(0.5 * size * rng.normal(size=(n, n)) - np.eye(n), terms, rng.normal(size=(n, 1)))
     setting = Setting.of(model, None)
     return model, Question(setting.system, setting.pools, setting.upper, setting.below, True)
 
@@ -43,6 +44,18 @@ def test_no_smaller_gain_is_found(seed: int) -> None:
     assert attained(question, found)[0] <= 1.03 * ratio
     assert question.ask(rate, 0.97 * ratio, found.families, plenty) is None
     assert 0 < found.steps <= FEW
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_way_goes_on_from_where_it_was_central(seed: int) -> None:
+    """Where more unknowns join near the smallest gain, few are needed, and few steps."""
+    _, question = drawn(seed, 5)
+    start = question.ask(0.3, None, None, plenty)
+    assert start is not None
+    found = smallest_gain(question, 0.3, start, plenty)
+    assert found is not None
+    assert 0 < found.steps <= FEW
+    assert len(found.solution.y) <= NARROW
 
 
 @pytest.mark.parametrize("seed", range(4))

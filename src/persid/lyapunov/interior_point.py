@@ -187,11 +187,11 @@ def maximise(
 ) -> tuple[Iterate, int]:
     """Raise t from a feasible iterate; return where that ends, and after how many steps.
 
-    It ends where t is within the share `close` of its bound, mu has fallen to the share `fall` of its start, the steps
-    become too short, or without time.
+    It ends where t is within the share `close` of its bound, mu or that distance has fallen to the share `fall` of its
+    start, the steps become too short, or without time.
     """
-    goal, steps = fall * state.mu, 0
-    while steps < iterations and state.gap >= close * abs(state.t) and state.mu >= goal and left() > 0:
+    goal, near, steps = fall * state.mu, max(close, fall * state.gap / abs(state.t)), 0
+    while steps < iterations and state.gap >= near * abs(state.t) and state.mu >= goal and left() > 0:
         following = step(state)
         if following is None:
             break
