@@ -322,10 +322,8 @@ def _inside(of: Arrays, M: Array, half: Array, dM: Array, a: float, rough: bool)
 
 
 def _ratio(of: Arrays, v: Array, dv: Array) -> float:
-    """Return the largest a with v + a dv >= 0."""
-    xp = of.xp
-    falling = dv < 0
-    fastest = _largest(xp, xp.where(falling, -dv / v, 0.0))
+    """Return the largest a with v + a dv >= 0, v > 0."""
+    fastest = _largest(of.xp, -dv / v)
     return 1 / fastest if fastest else np.inf
 
 

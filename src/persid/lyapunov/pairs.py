@@ -64,7 +64,7 @@ class Problem:
         """Return the problem for z = C w: there the dual matrix X0 is I."""
         H = np.ascontiguousarray((self.C.T @ self.H.T).T)
         N = None if self.N is None else np.asarray(self.C.T @ (self.C.T @ self.N.T).T)
-        return replace(self, S=sparse.csr_array(self.S @ self.C), H=H, C=_identity(self.order), N=N)
+        return replace(self, S=self.S @ self.C, H=H, C=_identity(self.order), N=N)
 
     @cached_property
     def _rows(self) -> tuple[Array, Array, Array, Array]:

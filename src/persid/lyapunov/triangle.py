@@ -8,8 +8,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
+from numpy import ndarray
 
 from persid.lyapunov.arrays import HOST, Array, Arrays
+
+FORMED = 6  # order up to which all E are formed: products of them take one call
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,13 @@ class Triangle:
         """2 on the diagonal, 1 elsewhere: E_ii holds 2."""
         return self.arrays.put(1 + np.eye(self.order))
 
+    @cached_property
+    def _formed(self) -> Float[ndarray, "f k k"] | None:
+        """All E of a small matrix of the host; else None."""
+        if self.arrays is not HOST or self.order > FORMED:
+            return None
+        return np.array([self.matrix(row) for row in np.eye(self.order * (self.order + 1) // 2)])
+
     def matrix(self, entries: Float[Array, " f"]) -> Float[Array, "k k"]:
         """Return P."""
         return self._spread(entries) * self._doubled
@@ -55,6 +65,9 @@ class Triangle:
 
     def schur(self, U: Float[Array, "k k"], V: Float[Array, "k k"]) -> Float[Array, "f f"]:
         """Return the matrix of tr(E_k U E_l V), U and V symmetric."""
+        if self._formed is not None:
+            left, right = (products.reshape(len(products), -1) for products in (self._formed @ U, V @ self._formed))
+            return left @ right.T
         take, (i, j) = self.arrays.xp.take, self._ends
         (Ui, Vi), (Uj, Vj) = ((take(U, at, axis=0), take(V, at, axis=0)) for at in (i, j))
         return (
