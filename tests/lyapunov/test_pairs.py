@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from persid.lyapunov import pairs
+from persid.lyapunov import pairs, triangle
+from persid.lyapunov.arrays import HOST
 from persid.lyapunov.deviations import Deviation
 from persid.lyapunov.inequality import assemble
 from persid.lyapunov.pairs import Problem, combine, lengths, pairings, sandwich, schur
@@ -55,7 +56,9 @@ def test_schur_complement(seed: int, formed: int, monkeypatch: pytest.MonkeyPatc
     made = schur(problem, X, V)
     np.testing.assert_allclose(np.tril(made), np.tril(wanted), rtol=1e-8, atol=1e-8)
     assert (problem._formed is not None) == bool(formed)
-    E, of = [problem.triangle.matrix(unit) for unit in np.eye(problem.free)], problem.triangle
+    monkeypatch.setattr(triangle, "FORMED", formed)
+    of = triangle.Triangle(problem.symmetric, HOST)
+    E = [of.matrix(unit) for unit in np.eye(problem.free)]
     U, W = _positive(problem.symmetric, 3), _positive(problem.symmetric, 4)
     wanted = np.array([[np.trace(e @ U @ f @ W) for f in E] for e in E]).reshape(len(E), len(E))
     np.testing.assert_allclose(of.schur(U, W), wanted)

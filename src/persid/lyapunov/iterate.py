@@ -225,7 +225,7 @@ def step(state: Iterate, limit: Callable[[Array, float], float] | None = None) -
         sigma = min(1.0, max(gap / state.size / state.mu, LEAST) ** 2)
         corrected = direction(sigma * state.mu, predicted)
         a, b = _steps(state, corrected)
-    except (sla.LinAlgError, ValueError):
+    except sla.LinAlgError:
         return None
     if max(a, b) < SHORT:
         return None

@@ -45,7 +45,8 @@ class Triangle:
         """All E of a small matrix of the host; else None."""
         if self.arrays is not HOST or self.order > FORMED:
             return None
-        return np.array([self.matrix(row) for row in np.eye(self.order * (self.order + 1) // 2)])
+        shape = self.order * (self.order + 1) // 2, self.order, self.order
+        return np.reshape([self.matrix(row) for row in np.eye(shape[0])], shape)
 
     def matrix(self, entries: Float[Array, " f"]) -> Float[Array, "k k"]:
         """Return P."""
@@ -66,7 +67,7 @@ class Triangle:
     def schur(self, U: Float[Array, "k k"], V: Float[Array, "k k"]) -> Float[Array, "f f"]:
         """Return the matrix of tr(E_k U E_l V), U and V symmetric."""
         if self._formed is not None:
-            left, right = (products.reshape(len(products), -1) for products in (self._formed @ U, V @ self._formed))
+            left, right = (E.reshape(len(E), self.order**2) for E in (self._formed @ U, V @ self._formed))
             return left @ right.T
         take, (i, j) = self.arrays.xp.take, self._ends
         (Ui, Vi), (Uj, Vj) = ((take(U, at, axis=0), take(V, at, axis=0)) for at in (i, j))
