@@ -26,6 +26,17 @@ def json_object(text: str | bytes) -> Json:
     return found
 
 
+def readable(entry: object, line: str = "\n") -> str:
+    """Write JSON with a line for each list of plain values, such as a row of a matrix; NaN and infinity are refused."""
+    inner = line + " "
+    if isinstance(entry, dict) and entry:
+        fields = [f"{json.dumps(name)}: {readable(value, inner)}" for name, value in entry.items()]
+        return "{" + inner + f",{inner}".join(fields) + line + "}"
+    if isinstance(entry, list) and any(isinstance(item, list | dict) for item in entry):
+        return "[" + inner + f",{inner}".join(readable(item, inner) for item in entry) + line + "]"
+    return json.dumps(entry, allow_nan=False)
+
+
 def write_atomically(path: str | Path, content: str | bytes) -> None:
     """Write beside, flush to disk, then rename; on any failure the old file stays and nothing is left behind.
 

@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import Any, NoReturn
 
 from persid_check.expression import ExpressionError, Program, parse
+from persid_check.plain import Texts
 from persid_check.results import FormatError
 
 MAX_BITS = 2048  # of a mantissa
@@ -105,7 +106,7 @@ class Entry:
     def vector(self, size: int) -> list[float]:
         """Return so many numbers of a model."""
         listed = self._listed(size)
-        numbers = _numbers(listed)
+        numbers = listed.numbers.tolist() if isinstance(listed, Texts) else _numbers(listed)
         return [item.binary64() for item in self.items()] if numbers is None else numbers
 
     def matrix(self, height: int, width: int) -> list[list[float]]:

@@ -1,9 +1,10 @@
 """Operating points: exactly one equilibrium in a ball, by the Krawczyk operator in interval arithmetic."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
+from itertools import chain
 
-from flint import arb, arb_mat
+from flint import arb, arb_mat, fmpz_mat
 
 from persid_check.enclosure import Interval, UndefinedError, between, constant, enclose, value, value_and_slope
 from persid_check.expression import work_of
@@ -17,33 +18,35 @@ Vector = Sequence[Fraction]
 
 def has_unique_equilibrium(model: Model, x: Vector, radius: Fraction, u: Vector) -> bool:
     """Whether exactly one zero of F(., u) in |. - x|_inf <= radius is proved; radius 0 needs F(x, u) = 0 exactly."""
-    if radius < 0:
-        return False
+    return first_radius(model, x, (radius,), u) is not None
+
+
+def first_radius(model: Model, x: Vector, radii: Iterable[Fraction], u: Vector) -> Fraction | None:
+    """Return the first of some radii with which that is proved, None where it is with none."""
     try:
-        F = flow(model, [constant(v) for v in x], u)
-        if radius == 0:
-            return all(f.lo == 0 and f.hi == 0 for f in F)
-        return _contracts(F, jacobian(model, ball(x, radius)), radius)
+        F = flow(model, x, u)
+    except (UndefinedError, ZeroDivisionError):
+        return None
+    return next((radius for radius in radii if _is_unique(model, F, x, radius)), None)
+
+
+def _is_unique(model: Model, F: arb_mat, x: Vector, radius: Fraction) -> bool:
+    if radius <= 0:
+        return radius == 0 and all(f == 0 for f in F.entries())
+    try:
+        return _contracts(F, jacobian_balls(model, ball(x, radius)), radius)
     except (UndefinedError, ZeroDivisionError):
         return False
 
 
-def _contracts(F: Sequence[Interval], J: Sequence[Sequence[Interval]], radius: Fraction) -> bool:
-    """-Y F(x) + (I - Y J) [-r, r] lies in the interior of [-r, r], for some Y (the inverse of the middle of J)."""
-    n = len(F)
+def _contracts(F: arb_mat, J: arb_mat, radius: Fraction) -> bool:
+    """-Y F(x) + (I - Y J) [-r, r] lies in the interior of [-r, r], for some Y: about the inverse of J."""
+    n = F.nrows()
     spend(n**3 // PRODUCTS)
-    middle = arb_mat(n, n, [entry.ball().mid() for row in J for entry in row])
-    Y = arb_mat(n, n, [entry.mid() for entry in middle.inv().entries()])
-    rest = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)]) - Y * arb_mat(
-        n, n, [entry.ball() for row in J for entry in row]
-    )
-    step = Y * arb_mat(n, 1, [f.ball() for f in F])
-    limit = constant(radius).lo
-    for i in range(n):
-        reach = abs(step[i, 0]) + limit * sum((abs(rest[i, j]) for j in range(n)), arb(0))
-        if not reach < limit:
-            return False
-    return True
+    one = arb_mat(fmpz_mat(n, n, [int(i == j) for i in range(n) for j in range(n)]))
+    Y, limit = J.mid().solve(one, algorithm="approx").mid(), constant(radius).lo
+    moved = (one - Y * J) * arb_mat(n, 1, [arb(0, limit)] * n) - Y * F
+    return all(abs(entry) < limit for entry in moved.entries())
 
 
 def ball(x: Vector, radius: Fraction) -> list[Interval]:
@@ -51,31 +54,26 @@ def ball(x: Vector, radius: Fraction) -> list[Interval]:
     return [between(v - radius, v + radius) for v in x]
 
 
-def flow(model: Model, x: Sequence[Interval], u: Vector) -> list[Interval]:
-    """Return an enclosure of F(x, u), for states in intervals and an exact input."""
-    offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
-    inputs = [constant(a - b) for a, b in zip(u, model.u_ref, strict=True)]
-    total = [constant(Fraction(force)) for force in model.b]
-    moved, acting = _not_zero(offset), _not_zero(inputs)  # products with zero are zero, exactly
-    for i in range(model.n):
-        for j, d in moved:
-            total[i] = total[i] + constant(a) * d if (a := model.A0[i][j]) else total[i]
-        for j, v in acting:
-            total[i] = total[i] + constant(Fraction(b)) * v if (b := model.B[i][j]) else total[i]
+def flow(model: Model, x: Vector, u: Vector) -> arb_mat:
+    """Return an enclosure of F(x, u), one column; of short numbers, where functions have short values, it is exact."""
+    offset = [constant(v - r) for v, r in zip(x, model.x_ref, strict=True)]
+    inputs = [constant(v - r) for v, r in zip(u, model.u_ref, strict=True)]
+    found = []
     for channel in model.channels:
         spend(work_of(channel.program) + len(channel.row))
-        f = value(channel.program, argument(channel.row, offset))
-        for i, weight in enumerate(() if f.is_zero else channel.column):
-            total[i] = total[i] + constant(Fraction(weight)) * f if weight else total[i]
-    return total
-
-
-def _not_zero(values: Sequence[Interval]) -> list[tuple[int, Interval]]:
-    return [(j, v) for j, v in enumerate(values) if not v.is_zero]
+        found.append(value(channel.program, argument(channel.row, offset)))
+    B = arb_mat(model.n, model.m, list(chain.from_iterable(model.B)))
+    forced = arb_mat(model.n, 1, [constant(Fraction(force)).ball() for force in model.b])
+    return _linear(model) * _column(offset) + _columns(model) * _column(found) + B * _column(inputs) + forced
 
 
 def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:
     """Return an enclosure of dF/dx over a box (at kinks, of all limits of the derivative)."""
+    return [[enclose(entry) for entry in row] for row in jacobian_balls(model, x).tolist()]
+
+
+def jacobian_balls(model: Model, x: Sequence[Interval]) -> arb_mat:
+    """Return the same as one matrix of balls."""
     offset = [xi - constant(r) for xi, r in zip(x, model.x_ref, strict=True)]
     n, size = model.n, len(model.channels)
     spend(n * n * size // PRODUCTS)
@@ -85,9 +83,20 @@ def jacobian(model: Model, x: Sequence[Interval]) -> list[list[Interval]]:
         slope = value_and_slope(channel.program, y, constant(Fraction(1)))[1].ball()
         for j, r in channel.row.items():
             slopes[c, j] = constant(r).ball() * slope
-    columns = arb_mat(n, size, [channel.column[i] for i in range(n) for channel in model.channels])
-    J = arb_mat(n, n, [constant(a).ball() for row in model.A0 for a in row]) + columns * slopes
-    return [[enclose(J[i, j]) for j in range(n)] for i in range(n)]
+    return _linear(model) + _columns(model) * slopes
+
+
+def _linear(model: Model) -> arb_mat:
+    return arb_mat(model.linear.flint) * arb(2) ** -model.linear.exponent
+
+
+def _columns(model: Model) -> arb_mat:
+    listed = [channel.column for channel in model.channels]
+    return arb_mat(len(listed), model.n, list(chain.from_iterable(listed))).transpose()
+
+
+def _column(values: Sequence[Interval]) -> arb_mat:
+    return arb_mat(len(values), 1, [v.ball() for v in values])
 
 
 def argument(row: Mapping[int, Fraction], offset: Sequence[Interval]) -> Interval:

@@ -4,11 +4,14 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pytest
 
-from persid_check import FormatError, canonical_model
+import persid as ps
+from persid_check import FormatError, canonical_model, entry
 from persid_check.entry import Entry
 from persid_check.model import model_of
+from persid_check.plain import ZERO, numbers, texts
 
 Read = Callable[[Entry], object]
 
@@ -90,3 +93,30 @@ def test_only_the_canonical_form_of_a_model_is_read(change: dict[str, Any], wher
     with pytest.raises(FormatError) as refused:
         model_of(form | change, discrete=True, algebraic=True)
     assert refused.value.where == where
+
+
+def test_what_was_written_is_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of rows that the canonical form writes no text is parsed."""
+    parsed: list[object] = []
+    monkeypatch.setattr(entry, "_numbers", lambda texts: parsed.append(texts))
+    plain = ps.PersidskiiModel(-np.eye(4), [("tanh(x)", None, 0.1 * np.ones((4, 4)))], np.eye(4)).to_dict()
+    assert model_of(canonical_model(plain)).linear.entry(0, 0) == -1
+    assert parsed == []
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), 10**400, True, "1.0"])
+def test_what_is_no_finite_number_is_refused_by_its_text(number: object) -> None:
+    """Rows with such an entry are not taken for written ones."""
+    plain = ps.PersidskiiModel(-np.eye(2), [], np.eye(2)).to_dict()
+    plain["A0"][1][0] = number
+    with pytest.raises(FormatError, match=r"^model.A0\[1\]\[0\]: "):
+        canonical_model(plain)
+
+
+def test_zero_has_no_sign_and_numbers_are_those_of_their_text() -> None:
+    """Of extreme numbers, too."""
+    row = [-0.0, 5e-324, -1.7976931348623157e308, 0.1]
+    written = texts(row, 4)
+    assert written == [ZERO, *map(float.hex, row[1:])]
+    assert numbers(written) == numbers(list(written)) == Entry(written, "v").vector(4) == row
+    assert str(Entry(written, "v").vector(4)[0]) == "0.0"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import persid as ps
 from persid.lyapunov.operating_points import prove
-from persid_check.enclosure import constant
+from persid_check import equilibrium
 from persid_check.equilibrium import flow
 from persid_check.model import model_of
 from questions import PENDULUM, TRAFFIC
@@ -87,7 +87,22 @@ def test_the_flow_is_exact_where_some_offsets_are_zero(at: list[float], u: list[
     A0, A, B = (rng.integers(-8, 8, shape) / 4 for shape in ((3, 3), (3, 3), (3, 1)))
     model = ps.PersidskiiModel(A0, [("x**3", None, A)], B, x_ref=[0.0, 0.25, 0.0], b=[0.5, 0.0, -1.0])
     exact = model_of(model.canonical, discrete=True)
-    found = flow(exact, [constant(Fraction(v)) for v in at], [Fraction(v) for v in u])
+    found = flow(exact, [Fraction(v) for v in at], [Fraction(v) for v in u]).entries()
     expected = model.rhs(np.array(at), np.array(u))
-    np.testing.assert_array_equal([float(each.lo) for each in found], expected)
-    np.testing.assert_array_equal([float(each.hi) for each in found], expected)
+    assert all(each == value for each, value in zip(found, expected.tolist(), strict=True))
+
+
+def test_the_entries_of_matrices_are_not_enclosed_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a model of twice as many states, with n^2 entries, a proof encloses twice as many numbers, not four times."""
+    calls: list[Fraction] = []
+    enclosed = equilibrium.constant
+    monkeypatch.setattr(equilibrium, "constant", lambda v: calls.append(v) or enclosed(v))
+    counts = []
+    for n in (8, 16):
+        A = np.random.default_rng(0).normal(size=(n, n)) / n
+        model = ps.PersidskiiModel(A - 2 * np.eye(n), [("tanh(x)", None, A)], np.eye(n)[:, :1], b=np.ones(n))
+        found = ps.find_operating_point(model, starts=2)
+        calls.clear()
+        assert prove(model, found[0].x, found[0].u) is not None
+        counts.append(len(calls))
+    assert 0 < counts[1] <= 2 * counts[0]

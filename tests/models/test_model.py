@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from persid._files import readable
 from persid.errors import ModelError
 from persid.models import integration
 from persid.models.equations import equations
@@ -229,3 +230,15 @@ def test_a_sum_is_set_in_brackets() -> None:
     assert r"- 1 \left(\tanh \left(x_{1}\right) - 0.5\right) + 1 u_{1}" in equations(model, "latex")
     one = PersidskiiModel(A0=[[-1.0]], terms=[("x**3", None, [[-1.0]])])
     assert equations(one) == "d(x1)/dt = -1 x1 - 1 x1**3"
+
+
+def test_a_row_of_a_matrix_is_a_line_of_the_file(tmp_path: Path) -> None:
+    """What is written is read again as the same model; NaN is refused."""
+    model = PersidskiiModel([[-1.0, 0.5], [0.1, -2.0]], [("x**3", None, -np.eye(2))], np.eye(2), provenance={"a": {}})
+    model.save(tmp_path / "model.json")
+    lines = [line.strip(" ,") for line in (tmp_path / "model.json").read_text(encoding="utf-8").splitlines()]
+    assert lines.count("[-1.0, 0.5]") == 1
+    assert lines.count("[-1.0, -0.0]") == 1
+    assert load_model(tmp_path / "model.json") == model
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        readable({"a": [[1.0], [np.nan]]})

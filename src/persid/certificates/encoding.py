@@ -13,6 +13,7 @@ from persid._files import Json
 from persid.errors import RoundingError
 from persid.models.descriptor import DescriptorModel
 from persid.models.model import PersidskiiModel
+from persid_check.plain import numbers
 
 FORMAT = "persid-certificate-1"
 MARGIN = 8.0  # by which what is subtracted for a root's sake exceeds what rounding it adds to a row
@@ -129,7 +130,7 @@ def separated(content: Json) -> tuple[Json, dict[str, ndarray]]:
     parts += [(t, name, f"terms.{i}.{name}") for i, t in enumerate(model["terms"]) for name in ("R", "A")]
     for part, name, key in parts:
         if _length(part[name]) >= LISTED:
-            arrays[key] = np.array([[float.fromhex(v) for v in row] for row in part[name]]).ravel()
+            arrays[key] = np.array([numbers(row) for row in part[name]]).ravel()
             part[name] = key
     for name, entry in proof.items():
         if isinstance(entry, dict) and _length(entry) >= LISTED:

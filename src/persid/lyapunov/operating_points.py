@@ -17,7 +17,7 @@ from persid._files import Json
 from persid.errors import ModelError
 from persid.models.model import PersidskiiModel
 from persid_check.enclosure import PRECISION
-from persid_check.equilibrium import has_unique_equilibrium
+from persid_check.equilibrium import first_radius
 from persid_check.model import Model, model_of
 
 STARTS = 160  # points from which the search sets out, for up to 20 states
@@ -130,10 +130,9 @@ def proved_radius(model: Model, x: Sequence[float | Fraction], u: Sequence[float
     """
     centre, inputs = [Fraction(v) for v in x], [Fraction(v) for v in u]
     scale = Fraction(2) ** int(1 + max(map(abs, centre), default=Fraction(0))).bit_length()
-    resting = model.resting
     with ctx.workprec(PRECISION):
         radii = (Fraction(0), *(radius * scale for radius in RADII))
-        return next((r for r in radii if has_unique_equilibrium(resting, centre, r, inputs)), None)
+        return first_radius(model.resting, centre, radii, inputs)
 
 
 def residual(

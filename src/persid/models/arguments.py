@@ -11,6 +11,7 @@ from persid.errors import ModelError
 from persid.models.channels import Term
 from persid.models.functions import ScalarFunction, scalar_function
 from persid.models.sparse import compressed, is_sparse, refuse_shape
+from persid_check.plain import numbers
 
 
 def dimension(A0: object, terms: Sequence[object], B: object) -> int:
@@ -150,5 +151,5 @@ def plain_model(form: Json) -> Json:
 
 def _numbers(entry: object) -> object:
     if isinstance(entry, list):
-        return [_numbers(part) for part in entry]
+        return numbers(entry) if set(map(type, entry)) == {str} else [_numbers(part) for part in entry]
     return float.fromhex(entry) if isinstance(entry, str) else entry

@@ -1,6 +1,5 @@
 """DescriptorModel: states with derivatives and variables with equations, in one generalized Persidskii form."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._files import Json, write_atomically
+from persid._files import Json, readable, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.models.arguments import distinct_names, finite_array, plain_model, sampled_input
@@ -254,7 +253,7 @@ class DescriptorModel:
 
     def save(self, path: str | Path) -> None:
         """Write `model.json`: reading it gives the same binary64 numbers back. Written beside, then renamed."""
-        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        write_atomically(path, readable(self.to_dict()) + "\n")
 
 
 def renamed(model: PersidskiiModel, states: Sequence[str]) -> PersidskiiModel:

@@ -1,6 +1,5 @@
 """PersidskiiModel: x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b, or x+ - x_ref in place of x'."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.sparse import csc_array
 
-from persid._files import Json, write_atomically
+from persid._files import Json, readable, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.models import sparse as columns
@@ -370,7 +369,7 @@ class PersidskiiModel:
         The arrays of a large sparse model go to a companion of the same stem, .npz.
         """
         content = self.compressed().save(Path(path), self.provenance) if self.is_large else self.to_dict()
-        write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+        write_atomically(path, readable(content) + "\n")
 
     @cached_property
     def sha256(self) -> str:

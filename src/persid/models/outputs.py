@@ -4,7 +4,6 @@ x' = A0 (x - x_ref) + sum A f(R (x - x_ref)) + B (u - u_ref) + b
 y  = h(C (x - x_ref) + D (u - u_ref) + d)                        h one function of the grammar an output, or none
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from persid._files import Json, write_atomically
+from persid._files import Json, readable, write_atomically
 from persid.errors import ModelError
 from persid.measurements.trajectories import Trajectories
 from persid.measurements.trajectory import Trajectory
@@ -340,7 +339,7 @@ class OutputModel:
 
     def save(self, path: str | Path) -> None:
         """Write the model: reading it gives the same binary64 numbers back. Written beside, then renamed."""
-        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        write_atomically(path, readable(self.to_dict()) + "\n")
 
 
 def _lines(t: ndarray, u: Any) -> Callable[[float], ndarray]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from persid_check.entry import Entry
 from persid_check.json_text import Json
 from persid_check.ledger import COMPANION
+from persid_check.plain import texts
 from persid_check.results import FormatError
 
 if TYPE_CHECKING:
@@ -71,4 +72,4 @@ def _fill(where: str, part: Json, name: str, width: int, left: Json) -> None:
     array = left.pop(key, None)
     if array is None or array.dtype != "<f8" or not width or len(array) % width or len(array) > MAX_FILLED:
         raise FormatError(f"{where}.{name}", f"the companion has no array {key[:60]!r}, once, of <f8 rows of {width}")
-    part[name] = [[value.hex() for value in row] for row in (array.reshape(-1, width) + 0.0).tolist()]
+    part[name] = [texts(row, width) for row in array.reshape(-1, width).tolist()]

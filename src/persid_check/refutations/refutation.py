@@ -207,10 +207,10 @@ def _cooperative_growth(claim: Refutation) -> None:
         if any(Fraction(a) * r < 0 for i, a in enumerate(channel.column) for j, r in channel.row.items() if i != j):
             raise NotProvedError(f"channel {c}", "a slope off the diagonal may be negative")
     try:
-        F = flow(model, [constant(v) for v in start], claim.u)
+        F = flow(model, start, claim.u)
     except UndefinedError:
         raise NotProvedError("witness.start", "F is not enclosed there") from None
-    if not all(f.lo > 0 for f in F):
+    if not all(f > 0 for f in F.entries()):
         raise NotProvedError("witness.start", "F is not proved positive there")
 
 
