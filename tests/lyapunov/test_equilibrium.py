@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import persid as ps
+from persid.lyapunov import operating_points
 from persid.lyapunov.operating_points import prove
 from persid_check import equilibrium
 from persid_check.equilibrium import flow
@@ -106,3 +107,14 @@ def test_the_entries_of_matrices_are_not_enclosed_one_by_one(monkeypatch: pytest
         assert prove(model, found[0].x, found[0].u) is not None
         counts.append(len(calls))
     assert 0 < counts[1] <= 2 * counts[0]
+
+
+def test_starts_that_have_arrived_are_not_moved_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's method takes few points to the end of the way of the slowest."""
+    points: list[int] = []
+    slopes = operating_points.residual_slopes
+    monkeypatch.setattr(operating_points, "residual_slopes", lambda m, x: points.append(x[..., 0].size) or slopes(m, x))
+    assert len(ps.find_operating_point(ps.PersidskiiModel(**PENDULUM))) > 10
+    steps = [size for size in points if size > 1]
+    assert steps == sorted(steps, reverse=True)
+    assert steps[-1] < steps[0] / 4

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from persid.errors import ModelError
 from persid.models import mathml
 from persid.models.equations import equations
-from persid.models.functions import scalar_function
+from persid.models.functions import ScalarFunction, layer, scalar_function
 from persid.models.lookup_tables import lookup_table
 from persid.models.model import PersidskiiModel
 
@@ -120,3 +120,14 @@ def test_arrays_of_any_shape_are_taken():
         warnings.simplefilter("error")
         for shape in ((), (3,), (2, 3)):
             assert scalar_function("x - tanh(x)").value(np.ones(shape)).shape == shape
+
+
+def test_functions_are_sorted_without_comparing_all_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of fifty different functions, each twice, no two are compared more often than a table needs."""
+    functions = tuple(scalar_function(f"{k} * tanh(x)") for k in [*range(1, 51)] * 2)
+    compared: list[object] = []
+    same = ScalarFunction.__eq__
+    monkeypatch.setattr(ScalarFunction, "__eq__", lambda f, g: compared.append(g) or same(f, g))
+    kinds = layer.__wrapped__(functions).kinds
+    assert [places for _, places in kinds] == [(k, k + 50) for k in range(50)]
+    assert len(compared) <= len(functions)

@@ -175,18 +175,21 @@ def _resting(
 ) -> Float[ndarray, "N n"]:
     """Return where Newton's method for rhs(x, u) = 0 leads from all starts at once, no step longer than a few units.
 
-    Steps uphill are allowed: they lead out of valleys of |rhs| where nothing rests, and to more equilibria.
+    Those that have arrived stay there. Steps uphill are allowed: they lead out of valleys of |rhs| where nothing rests,
+    and to more equilibria.
     """
-    v = starts / units
+    found, moving = starts / units, np.arange(len(starts))
     for _ in range(STEPS):
+        v = found[moving]
         r = _bounded(residual(model, units * v, u) / units)
         J = _bounded(residual_slopes(model, units * v) * units / units[:, None])
         d = -_solved(J, r)
         length = np.abs(d).max(axis=1)
-        v = v + d * np.minimum(1.0, LONGEST / length)[:, None]
-        if not (length > CLOSE * (1 + np.abs(v).max(axis=1))).any():
+        found[moving] = v = v + d * np.minimum(1.0, LONGEST / length)[:, None]
+        moving = moving[length > CLOSE * (1 + np.abs(v).max(axis=1))]
+        if not len(moving):
             break
-    return np.asarray(units * v)
+    return np.asarray(units * found)
 
 
 def _solved(J: Float[ndarray, "N n n"], r: Float[ndarray, "N n"]) -> Float[ndarray, "N n"]:

@@ -313,8 +313,10 @@ class Layer:
 def layer(functions: tuple[ScalarFunction, ...]) -> Layer:
     """Sort functions by kind, shifts apart."""
     pairs = [f.unshifted for f in functions]
-    kinds = {g: tuple(c for c, (other, _) in enumerate(pairs) if other == g) for g, _ in pairs}
-    return Layer(np.array([by for _, by in pairs]), tuple(kinds.items()))
+    kinds: dict[ScalarFunction, list[int]] = {}
+    for c, (g, _) in enumerate(pairs):
+        kinds.setdefault(g, []).append(c)
+    return Layer(np.array([by for _, by in pairs]), tuple((g, tuple(places)) for g, places in kinds.items()))
 
 
 def _quadrature(f: _Unary, y: ndarray, panels: int = 16, nodes: int = 20) -> ndarray:
