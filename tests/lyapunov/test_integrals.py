@@ -59,3 +59,10 @@ def test_no_constant() -> None:
     """A function that falls to zero far out has no useful c on a long domain."""
     curve = Curve(("x/(1+x**4)",), ONE)
     assert not np.isfinite(upper_constants(curve, np.array([[0.0, 1.0]]))[0])
+
+
+@pytest.mark.parametrize(("f", "c"), [("x/(1+x**2)", np.nan), ("x/(1+x**4)", np.nan), ("arcsinh(x)", 1.0)])
+def test_a_ratio_that_rises_to_the_end_has_no_bound_between(f: str, c: float) -> None:
+    """Beside sinh samples end at 230, where the ratio of x/(1+x^2) is 5.4, and rises for ever; arcsinh nears 1."""
+    curve = Curve((f, "sinh(x)"), (Fraction(1), Fraction(1)))
+    np.testing.assert_equal(upper_constants(curve, np.array([[0.0, 1.0, 0.0]])), [c])

@@ -6,7 +6,7 @@ proves them.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from persid.lyapunov.sectors import Curve
@@ -14,17 +14,35 @@ from persid.lyapunov.sectors import Curve
 LARGEST = 64.0  # a form with a larger c is no density worth having
 ABOVE = 1 / 64  # relative distance of c from what the samples show
 BELOW = 1 / 1024  # of d, on which faces of regions stand
+SLOWLY = 0.75  # share to which a rise may fall from octave to octave for a limit not to be believed
 UP, DOWN = 2.0**-10, 2.0**-12  # steps of c, and of d within its power of two
 
 
 def upper_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray, " K"]:
-    """Return c for each form, NaN where none up to LARGEST is seen; 1/2 exactly for multiples of y."""
+    """Return c for each form, NaN where none up to LARGEST is seen; 1/2 exactly for multiples of y.
+
+    A ratio that rises to the end has the bound 1 of forms that do not fall, or none.
+    """
     y, phi, integral = _sampled(curve)
     with np.errstate(all="ignore"):
-        ratio = np.nanmax((integral @ forms.T) / (y[:, None] * (phi @ forms.T)), axis=0, initial=0.0)
-    c = np.ceil(ratio * (1 + ABOVE) / UP) * UP
+        ratio = (integral @ forms.T) / (y[:, None] * (phi @ forms.T))
+        c = np.ceil(np.nanmax(ratio, axis=0, initial=0.0) * (1 + ABOVE) / UP) * UP
+        if curve.domain is None:
+            rises = np.any([_rises(np.abs(y[side]), ratio[side]) for side in (y > 0, y < 0)], axis=0)
+            c = np.where(rises, np.where(c <= 1 + ABOVE, 1.0, np.nan), c)
     c = np.where(np.isfinite(c) & (c <= LARGEST), c, np.nan)
     return np.where((forms[:, 1:] == 0).all(axis=1), 0.5, c)
+
+
+def _rises(y: Float[ndarray, " N"], ratio: Float[ndarray, "N K"]) -> Bool[ndarray, " K"]:
+    """Whether a ratio still rises as a logarithm does at the last sample, by as much from y/2 to y as from y/4 to y/2.
+
+    Of y / (1 + y^2) the integral is log(1 + y^2) / 2, where y times it stays below 1.
+    """
+    if not len(y):
+        return np.zeros(ratio.shape[1], bool)
+    before, middle, last = (ratio[np.searchsorted(y, share * y[-1])] for share in (0.25, 0.5, 1.0))
+    return np.asarray((last - middle > SLOWLY * (middle - before)) & (last - middle > ABOVE / 16 * last))
 
 
 def lower_constants(curve: Curve, forms: Float[ndarray, "K d"]) -> Float[ndarray, " K"]:

@@ -227,7 +227,7 @@ def _by_forms(asked: Question, setting: Setting, kinds: Sequence[str], log: Log)
                 continue
             log.best = lambda prove=prove: prove()[0]
             with log.share(RATING):
-                rated = _rated(asked, setting, full_P, log)
+                rated, setting = _rated(asked, setting, full_P, log)
         if rated is None:
             with log.attempt(what) as outcome:
                 answer, setting = prove()
@@ -236,7 +236,8 @@ def _by_forms(asked: Question, setting: Setting, kinds: Sequence[str], log: Log)
                 failure = answer
                 continue
             log.best = lambda answer=answer: answer
-            rated = None if sketches else _rated(asked, setting, full_P, log)
+            if not sketches:
+                rated, setting = _rated(asked, setting, full_P, log)
             rated = Certified(answer, tuple(log.attempts)) if rated is None else rated
         return _with_margin(asked, setting, rated, log)
     return failure
@@ -305,21 +306,21 @@ def _kinds(model: PersidskiiModel) -> tuple[str, ...]:
     return ("diagonal", "full") if 1 < model.n <= FULL_P_STATES else ("diagonal",)
 
 
-def _rated(asked: Question, setting: Setting, full_P: bool, log: Log) -> Certified | None:
-    """Return the verdict by a certificate with rate and gain where there is one and time for it.
+def _rated(asked: Question, setting: Setting, full_P: bool, log: Log) -> tuple[Certified | None, Setting]:
+    """Return the verdict by a certificate with rate and gain where there is one and time for it, and what is proved.
 
     Up to a size P is full there even if a diagonal one shows stability: rate and gain then are the same in all
     orthogonal coordinates.
     """
     n = setting.model.n
     if len(setting.system.states) < n or log.left() <= 0 or (n > RATED_STATES and asked.arrays is HOST):
-        return None
+        return None, setting
     with log.attempt(RATED) as outcome:
         full_P = full_P or 1 < n <= FULL_RATED_STATES
         find = partial(rate_and_gain, full_P=full_P, rate=asked.rate, each=asked.each, log=log)
         answer, setting = settled(setting, find, log, asked.outputs)
         outcome.append(_word(answer))
-    return _beside_the_best(asked, setting, answer, log) if isinstance(answer, Certificate) else None
+    return (_beside_the_best(asked, setting, answer, log) if isinstance(answer, Certificate) else None), setting
 
 
 def _beside_the_best(asked: Question, setting: Setting, certificate: Certificate, log: Log) -> Certified:
