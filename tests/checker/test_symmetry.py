@@ -3,11 +3,13 @@
 from fractions import Fraction
 from itertools import product
 
+import numpy as np
 import pytest
 
 from persid.certificates.partitions import cuts_of
-from persid_check.expression import parse
-from persid_check.ledger.lemmas import SLOPES, Lemma
+from persid.models.functions import scalar_function
+from persid_check.expression import FUNCTIONS, parse
+from persid_check.ledger.lemmas import SLOPES, Lemma, is_odd
 
 F = Fraction
 ODD = ("sin(x)", "tanh(x)", "x**3", "x/(1+x**2)", "sinh(x)", "x*abs(x)", "x**2*arctan(x)", "sat(x)")
@@ -15,6 +17,8 @@ OTHERS = ("softplus(x)", "x+2*abs(x)", "tanh(x)+1", "x**2", "relu(x)", "x*exp(x)
 KINDS = ("sector", "nondecreasing", "growing", "rising", "upper", "offset")
 FORMS = (F(1), F(1)), (F(1), F(-1)), (F(1, 4), F(1)), (F(0), F(1)), (F(3), F(-1))
 DOMAINS = None, (F(-2), F(2)), (F(-1), F(2))
+SHAPES = "{0}", "{0}*{0}", "{0}+x", "x+{0}", "x**2+{0}", "x*{0}", "x/(2+{0})", "{0}**3", "{0}**1.5", "{0}**0"
+ARGUMENTS = "x", "x**2", "x+1", "x*abs(x)", "1"
 
 
 def _lemma(
@@ -86,6 +90,39 @@ def test_the_mirror_image_holds_the_domain(domain: tuple[Fraction, Fraction]) ->
     lemma = _lemma("sin(x)", (F(0), F(1)), "sector")
     assert lemma.unproved((F(0), F(1)), domain) == "the cuts do not cover the domain"
     assert lemma.unproved((F(0), F(2)), domain) is None
+
+
+def test_what_is_odd_by_its_form_is_odd_at_samples() -> None:
+    """Of each function, of odd, even and other arguments, in sums, products and powers; and defined on both sides."""
+    y, odd = np.linspace(0.013, 3.2, 40), 0
+    for name, shape, argument in product(sorted(FUNCTIONS), SHAPES, ARGUMENTS):
+        text = shape.format(f"{name}({argument})")
+        if not is_odd([(parse(text), F(1))]):
+            continue
+        odd += 1
+        with np.errstate(all="ignore"):
+            right, left = (scalar_function(text).value(side * y) for side in (1.0, -1.0))
+        assert np.isfinite(right).any(), text
+        assert np.allclose(right, -left, rtol=1e-9, atol=1e-12, equal_nan=True), text
+    assert odd > 150
+
+
+@pytest.mark.parametrize("kind", ["sector", "nondecreasing", "upper", "offset"])
+@pytest.mark.parametrize("cuts", [(F(1), F(8)), (F(1, 2**40), F(8)), (F(-8), F(0)), (F(-8), F(-1))])
+def test_cuts_that_begin_elsewhere_have_no_mirror(kind: str, cuts: tuple[Fraction, Fraction]) -> None:
+    """Beyond 0 a piece between them and their mirror image is left out; to the left of 0 nothing is mirrored."""
+    lemma = _lemma("tanh(x)", (F(1), F(1)), kind)
+    assert lemma.even
+    assert lemma.unproved(cuts, None) == "the cuts do not hold 0 and the centre inside"
+    assert lemma.unproved(cuts, (F(-2), F(2))) == "the cuts do not cover the domain"
+
+
+@pytest.mark.parametrize("kind", ["sector", "offset", "upper"])
+def test_the_tail_is_asked_for(kind: str) -> None:
+    """tanh(y) - y/8 is positive as far as its last cut, and falls without end beyond it, on both sides alike."""
+    lemma = _lemma("tanh(x)", (F(-1, 8), F(1)), kind)
+    assert lemma.unproved((F(0), F(1, 2), F(1), F(2)), (F(-2), F(2))) is None
+    assert lemma.unproved((F(0), F(1, 2), F(1), F(2)), None) == "beyond 2"
 
 
 def test_no_cut_but_zero_is_refused() -> None:
