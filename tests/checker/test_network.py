@@ -251,3 +251,18 @@ def test_bounded_sums_never_prove_what_fractions_refute() -> None:
         refuted += sum(exact_decrease(nodes, rays, w, kappa, k) > 0 for k in left)
     assert proved
     assert refuted
+
+
+def test_coefficients_are_fractions_where_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of six nodes with two slots each, 72 coefficients, the nodes and their table make none, a column its twelve."""
+    A = np.random.default_rng(0).normal(size=(6, 6))
+    known = model_of(canonical_model(model(A.tolist(), [("tanh(x)", None, (2 * A).tolist())])))
+    made: list[object] = []
+    monkeypatch.setattr("persid_check.networks.nodes.Fraction", lambda value: made.append(value) or Fraction(value))
+    nodes = nodes_of(known)
+    table = table_of(nodes)
+    assert len(made) <= len(known.channels)
+    made.clear()
+    assert nodes.column(2) == table.column(2) == {i: (Fraction(A[i, 2]), Fraction(2 * A[i, 2])) for i in range(6)}
+    assert len(made) == 12
+    assert nodes.entries == table.entries == 36

@@ -463,7 +463,7 @@ def test_sparse_and_plain_models_have_the_same_nodes() -> None:
         for k in range(n):
             assert plain.kinds[plain.kind[k]] == table.kinds[int(table.kind[k])]
             found = {i: tuple(row) for i, row in table.column(k).items() if any(row)}
-            assert {i: tuple(row) for i, row in plain.columns[k].items()} == found
+            assert {i: tuple(row) for i, row in plain.column(k).items()} == found
 
 
 def test_a_companion_of_a_small_model_is_summed_in_fractions() -> None:

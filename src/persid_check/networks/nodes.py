@@ -10,26 +10,28 @@ from persid_check.results import NotProvedError
 MAX_FUNCTIONS = 8  # of a node
 
 Functions = tuple[tuple[str, Fraction], ...]  # (text of f, alpha): the function y -> f(alpha y)
+Slots = tuple[Sequence[Fraction | float], ...]  # the coefficients of every slot of a node, one for each row
 Column = Mapping[int, Sequence[Fraction]]  # row i: the coefficients A_s[i, k] of the slots s of one node k
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """x_i' = sum over k and slots s of columns[k][i][s] phi_s(x_k), phi = (y, functions of kinds[kind[k]])."""
+    """x_i' = sum over k and slots s of slots[k][s][i] phi_s(x_k), phi = (y, functions of kinds[kind[k]])."""
 
     n: int
     kinds: tuple[Functions, ...]
     kind: tuple[int, ...]
-    columns: tuple[Column, ...]
+    slots: tuple[Slots, ...]
 
     @property
     def entries(self) -> int:
         """How many pairs (row, node) are coupled, the diagonal included."""
-        return sum(len(column) for column in self.columns)
+        return sum(sum(map(any, zip(*slots, strict=True))) for slots in self.slots)
 
     def column(self, k: int) -> Column:
-        """Return the coefficients of one node."""
-        return self.columns[k]
+        """Return the coefficients of one node in the rows in which they are not all zero."""
+        rows = enumerate(zip(*self.slots[k], strict=True))
+        return {i: tuple(map(Fraction, coefficients)) for i, coefficients in rows if any(coefficients)}
 
 
 def nodes_of(model: Model) -> Nodes:
@@ -39,24 +41,16 @@ def nodes_of(model: Model) -> Nodes:
         NotProvedError: an argument row is not a positive multiple of a unit vector, or a node has too many functions.
     """
     functions: list[list[tuple[str, Fraction]]] = [[] for _ in range(model.n)]
-    coefficients: list[list[tuple[float, ...]]] = [[] for _ in range(model.n)]
+    slots: list[list[Sequence[Fraction | float]]] = [[column] for column in zip(*model.A0, strict=True)]
     for c, channel in enumerate(model.channels):
         k, alpha = next(iter(channel.row.items()), (0, Fraction(0)))
         if len(channel.row) != 1 or alpha < 0:
             raise NotProvedError("model", f"the row of channel {c} is no positive multiple of a unit vector")
         if any(channel.column):
             functions[k].append((channel.text, alpha))
-            coefficients[k].append(channel.column)
+            slots[k].append(channel.column)
     kinds = tuple(dict.fromkeys(tuple(found) for found in functions))
     place = {kind: t for t, kind in enumerate(kinds)}
-    columns = tuple(_column(model, k, coefficients[k]) for k in range(model.n))
     if any(len(kind) > MAX_FUNCTIONS for kind in kinds):
         raise NotProvedError("model", f"a node has more than {MAX_FUNCTIONS} functions")
-    return Nodes(model.n, kinds, tuple(place[tuple(found)] for found in functions), columns)
-
-
-def _column(model: Model, k: int, columns: list[tuple[float, ...]]) -> Column:
-    """Return the rows in which a node's coefficients are not all zero."""
-    slots: list[Sequence[Fraction | float]] = [tuple(row[k] for row in model.A0), *columns]
-    rows = {i for slot in slots for i, value in enumerate(slot) if value}
-    return {i: tuple(Fraction(slot[i]) for slot in slots) for i in sorted(rows)}
+    return Nodes(model.n, kinds, tuple(place[tuple(found)] for found in functions), tuple(map(tuple, slots)))

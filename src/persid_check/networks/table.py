@@ -64,23 +64,21 @@ def table_of(nodes: Nodes) -> Table:
     """
     import numpy as np
 
-    slots = 1 + max(len(kind) for kind in nodes.kinds)
-    pairs = [(i, k) for k in range(nodes.n) for i in nodes.columns[k] if i != k]
-    values, diagonal = np.zeros((slots, len(pairs))), np.zeros((slots, nodes.n))
-    for p, (i, k) in enumerate(pairs):
-        values[: len(nodes.columns[k][i]), p] = _floats(nodes.columns[k][i])
-    for k in range(nodes.n):
-        if k in nodes.columns[k]:
-            diagonal[: len(nodes.columns[k][k]), k] = _floats(nodes.columns[k][k])
-    row, node = (np.array([pair[end] for pair in pairs], np.int64) for end in (0, 1))
+    found = np.zeros((1 + max(len(kind) for kind in nodes.kinds), nodes.n, nodes.n))
+    for k, slots in enumerate(nodes.slots):
+        for s, values in enumerate(slots):
+            found[s, k] = _floats(values)
+    every = np.arange(nodes.n)
+    node, row = np.nonzero(found.any(axis=0) & (every[:, None] != every))
     return Table(
-        n=nodes.n, kinds=nodes.kinds, kind=np.array(nodes.kind), row=row, node=node, values=values, diagonal=diagonal
-    )
+        n=nodes.n, kinds=nodes.kinds, kind=np.array(nodes.kind), row=row, node=node, values=found[:, node, row],
+        diagonal=found[:, every, every],
+    )  # fmt: skip
 
 
-def _floats(values: Sequence[Fraction]) -> list[float]:
-    found = [float(value) for value in values]
-    if any(Fraction(number) != value for number, value in zip(found, values, strict=True)):
+def _floats(values: Sequence[Fraction | float]) -> list[float]:
+    found = list(map(float, values))
+    if any(number.as_integer_ratio() != value.as_integer_ratio() for number, value in zip(found, values, strict=True)):
         raise NotProvedError("model.A0", "with its linear terms merged an entry is no binary64")
     return found
 
