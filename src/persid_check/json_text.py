@@ -15,7 +15,8 @@ MAX_DEPTH = 16
 MAX_LISTS = 4_000_000  # opening brackets, those in texts counted: a list takes far more memory than it has bytes
 MAX_DIGITS = 700  # of an integer: a binary64 or a dyadic mantissa needs fewer
 
-_TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{}]', re.DOTALL)  # a string, closed or not, or a bracket
+_STRING = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)  # closed or not
+_BRACKET = re.compile(r"[\[\]{}]")
 
 
 def read(data: bytes, *, floats: bool, longest: int = MAX_BYTES) -> Any:
@@ -46,8 +47,8 @@ def _refuse_depth(text: str) -> None:
     if text.count("[") + text.count("{") > MAX_LISTS:
         raise FormatError("file", f"more than {MAX_LISTS} lists and objects")
     depth = 0
-    for token in _TOKEN.finditer(text):
-        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token.group()[:1], 0)
+    for bracket in _BRACKET.finditer(_STRING.sub("", text)):
+        depth += 1 if bracket[0] in "[{" else -1
         if depth > MAX_DEPTH:
             raise FormatError("file", f"nested more than {MAX_DEPTH} deep")
 
