@@ -11,6 +11,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from persid_check.work import spend_digits
+
 BITS = 21  # of a digit
 HALF = 1 << (BITS - 1)
 LENGTH = 1 << 12  # of a sum of products of digits
@@ -32,7 +34,7 @@ class Digits:
         self.shape, self.parts = shape, list(parts)
         while self.parts and not self.parts[-1].any():
             self.parts.pop()
-        _refuse_long(len(self.parts), shape)
+        _allow(len(self.parts), shape)
 
     @classmethod
     def of_sums(cls, shape: tuple[int, int], sums: Iterable[Array]) -> "Digits":
@@ -52,6 +54,7 @@ class Digits:
     @classmethod
     def of_integers(cls, shape: tuple[int, int], values: Sequence[int]) -> "Digits":
         """Return the matrix of Python's integers, row by row."""
+        _allow(max(map(int.bit_length, values), default=0) // BITS + 1, shape)  # before they are cut
         chunks, low = [], (1 << 2 * BITS) - 1
         rest: Sequence[int] = values
         while True:
@@ -111,7 +114,7 @@ class Digits:
     def moved(self, shifts: Array) -> "Digits":
         """Return each entry times 2**shift; shifts >= 0 of the shape of the matrix, or of one row or column."""
         height = len(self.parts) + int(shifts.max(initial=0)) // BITS + 1
-        _refuse_long(height, self.shape)
+        _allow(height, self.shape)
         places, factors = shifts // BITS, (1 << (shifts % BITS)).astype(np.int32)
         found = np.unique(places)
         if len(found) > 1:  # each entry is touched once for each of its digits, however many places there are
@@ -217,7 +220,7 @@ class Digits:
 
     def __mul__(self, other: "Digits") -> "Digits":
         shape, width = (self.shape[0], other.shape[1]), self._width()
-        _refuse_long(len(self.parts) + len(other.parts), shape)
+        _allow(len(self.parts) + len(other.parts), shape)
         _refuse_wide(min(len(self.parts), len(other.parts)), width)
         if width < self.shape[1]:
             return self._few(other, width)
@@ -233,7 +236,7 @@ class Digits:
     def squared(self) -> "Digits":
         """Return X X'."""
         shape = (self.shape[0], self.shape[0])
-        _refuse_long(2 * len(self.parts), shape)
+        _allow(2 * len(self.parts), shape)
         _refuse_wide(len(self.parts), self.shape[1])
         return Digits.of_sums(shape, (self._square(k) for k in range(2 * len(self.parts) - 1)))
 
@@ -290,9 +293,11 @@ class Digits:
         return [(2 * h - s) << least if h > 0 else -1 for h, s in zip(heads, sums, strict=True)]
 
 
-def _refuse_long(count: int, shape: tuple[int, int]) -> None:
+def _allow(count: int, shape: tuple[int, int]) -> None:
+    """Refuse so many digits an entry where they are too many for a matrix, or for the length of a file."""
     if count * shape[0] * shape[1] > MAX_SIZE:
         raise ArithmeticError("the numbers of a large matrix are too long: fewer bits are needed")
+    spend_digits(count * shape[0] * shape[1])
 
 
 def _refuse_wide(digits: int, width: int) -> None:

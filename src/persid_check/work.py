@@ -18,6 +18,8 @@ STEPS = 2 * 10**5  # that the proofs of a file may take, and more for each byte
 STEPS_OF_A_BYTE = 16
 MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
 MOST_OF_A_BYTE = 8
+DIGITS = 2**24  # of all large matrices, and more for each byte of a file and its companion
+DIGITS_OF_A_BYTE = 128
 SEARCHED = 100  # steps of a byte of a file without partitions: they are sought
 BITS_OF_A_STEP = 512  # of the factors of a product of fractions
 KNOWN = 8192  # proofs that a process remembers, each with its steps: files of one model share lemmas
@@ -32,10 +34,10 @@ def allowance(size: int, of_a_byte: int = STEPS_OF_A_BYTE, most: int = MOST_STEP
 
 
 class Account:
-    """Steps spent in a file or in a proof, and the answers of its proofs, by their text."""
+    """Steps spent in a file or in a proof, digits that its matrices may still have, and answers by their text."""
 
-    def __init__(self, limit: float) -> None:
-        self.spent, self.limit = 0, limit
+    def __init__(self, limit: float, digits: float) -> None:
+        self.spent, self.limit, self.digits = 0, limit, digits
         self.answers: dict[object, Any] = {}
 
 
@@ -45,9 +47,9 @@ account: ContextVar[Account | None] = ContextVar("account", default=None)
 
 
 @contextmanager
-def limited(steps: float) -> Iterator[Account]:
-    """Within this context a proof may take so many steps in all; then NotProvedError ends it."""
-    current = Account(steps)
+def limited(steps: float, digits: float = float("inf")) -> Iterator[Account]:
+    """Within this context a proof may take so many steps and digits in all; then NotProvedError ends it."""
+    current = Account(steps, digits)
     token = account.set(current)
     try:
         yield current
@@ -62,6 +64,15 @@ def spend(steps: int) -> None:
         current.spent += steps
         if current.spent > current.limit:
             raise NotProvedError("file", "its proof takes too many steps: fewer or simpler forms are needed")
+
+
+def spend_digits(count: int) -> None:
+    """Count digits of a large matrix."""
+    current = account.get()
+    if current is not None:
+        current.digits -= count
+        if current.digits < 0:
+            raise NotProvedError("file", "its matrices have too many digits for a file of this length")
 
 
 def spend_products(count: int, *factors: Iterable[Fraction]) -> None:

@@ -193,6 +193,27 @@ def test_no_file_takes_long(content: Callable[[], Content], answer: type) -> Non
     assert process_time() - begun < SECONDS
 
 
+@pytest.mark.parametrize(("channels", "bits"), [(1000, 1000), (1350, 2000)])
+def test_a_short_file_has_no_matrix_of_long_numbers(channels: int, bits: int) -> None:
+    """All channels stand at points of one curve with two long forms: 156 kB took 5 s and 2 GB before."""
+    terms = [("tanh(x)", [[1.0]] * channels, [[-1.0] * channels])]
+    one = curve([("tanh(x)", 1)], ((1, 0), "nondecreasing"), ((0, 1), "nondecreasing"))
+    for form in one["forms"]:
+        form["l"] = [[m and 2**bits - 1, -bits] for m, _ in form["l"]]
+    points = [point(0, {0: 1}, [c], [0]) for c in range(channels)]
+    sketch = Sketch(canonical_model(model_object(terms)), [one], points, [("value", c, 0, 1) for c in range(channels)])
+    content = draft(sketch) | {"P": {"diagonal": [[1, 0]]}, "gamma": [1, 0]}
+    for at in content["points"]:
+        at["densities"] = [[0, [1, 0]]]
+    for fact in content["facts"]["value"]:
+        fact[-1] = [1, 0]
+    written = data(content | {"proof": {"P": [[1]], "M": [[1]], "V": None}})
+    assert len(written) < 220_000
+    answer = check(written)
+    assert isinstance(answer, Rejected)
+    assert "too many digits for a file of this length" in answer.why
+
+
 def test_linear_terms_are_merged_by_one_product() -> None:
     """A dense term f = x of 200 states is read in a second: its products took half a minute one by one."""
     dense = np.random.default_rng(0).normal(size=(200, 200)).tolist()

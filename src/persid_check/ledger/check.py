@@ -10,7 +10,7 @@ from persid_check.ledger.file import read_ledger
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
 from persid_check.results import Accepted, FormatError, require
-from persid_check.work import allowance, limited
+from persid_check.work import DIGITS, DIGITS_OF_A_BYTE, allowance, limited
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
@@ -37,10 +37,10 @@ def check_ledger(
     require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
     columns = sum(len(deviation.columns) for deviation in ledger.deviations)
     width = ledger.entries + ledger.inputs + columns + len(ledger.inside)
-    most = ENTRIES + 4 * (size + sum(array.nbytes for array in arrays.values()))
-    written = max(width, len(ledger.points)) * width <= most
+    beside = sum(array.nbytes for array in arrays.values())
+    written = max(width, len(ledger.points)) * width <= ENTRIES + 4 * (size + beside)
     require(written, "model", "its matrices are too large for a file of this length")
-    with limited(allowance(size)):
+    with limited(allowance(size), DIGITS + DIGITS_OF_A_BYTE * (size + beside)):
         proved = prove(ledger)
     return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), proved.further)
 
