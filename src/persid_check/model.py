@@ -19,8 +19,8 @@ FORMAT = "persid-model-1"
 FIELDS = ("format", "states", "inputs", "x_ref", "u_ref", "A0", "terms", "B", "b", "domain")
 CLOCK = ("time", "dt")  # of a model in discrete time, dt in s
 ALGEBRAIC = "algebraic"  # of a model with equations: the names of its algebraic variables
-MAX_STATES = 1000
-MAX_CHANNELS = 3000  # 12 functions for each of 250 states, or 3 for each of 1000
+MAX_STATES = 2000
+MAX_CHANNELS = 3000  # 12 functions for each of 250 states, 3 for each of 1000, 1 for each of 2000
 
 
 @dataclass(frozen=True)

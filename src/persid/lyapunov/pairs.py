@@ -143,7 +143,10 @@ class Problem:
     @cached_property
     def _square(self) -> Array:
         """Room for the Schur complement: new pages for every step would cost a tenth of the time."""
-        return self.arrays.empty(len(self.cost), len(self.cost))
+        room = self.arrays.empty(len(self.cost), len(self.cost))
+        if self._one_each.runs:  # what is above the diagonal is added to as well, though never read
+            room[:, :] = 0.0
+        return room
 
     @cached_property
     def _one_each(self) -> "OneEach":

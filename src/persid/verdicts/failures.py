@@ -7,6 +7,7 @@ from persid.certificates.obstruction import Obstruction
 from persid.lyapunov.interior_point import Status
 from persid.networks.certificate import NetworkObstruction
 from persid.verdicts.verdict import Reason
+from persid_check.model import MAX_CHANNELS, MAX_STATES
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +20,10 @@ class Failure:
 
 
 LARGE = "It is a weighted l1 norm; for other Lyapunov functions a model of at most 400 states is needed."
+TOO_LARGE = (
+    f"The checker reads at most {MAX_STATES:,} states, as many inputs and {MAX_CHANNELS:,} functions of them in a "
+    "dense model. A network of sparse matrices may be larger."
+)
 TRY = "Fit with more ridge or fewer functions, or ask for a regional claim."
 NO_POINT = "No equilibrium at the nominal input was found and proved; name a state near it, or another input (u_op)."
 UNDEFINED = (

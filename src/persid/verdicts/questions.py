@@ -37,11 +37,12 @@ from persid.verdicts.margins import MARGIN_STATES, residual_margin
 from persid.verdicts.practical import practically
 from persid.verdicts.searches import SHORTENED_STATES, fastest, margin, rate_and_gain, settled, sketched
 from persid.verdicts.verdict import RATED, RATED_STATES, Certified, Reason, Refuted, Undecided, Verdict
+from persid_check.model import MAX_CHANNELS, MAX_STATES
 
 ESCAPES = ("unstable-linear-part", "marginal-direction", "cooperative-growth")  # witnesses of runs without bound
 FULL_P_STATES = 50  # a full P is tried right after a diagonal one up to this many states,
-PAIRS = 50  # and last of all up to as many, n, as leave half of the memory to so many times n^4 bytes: its n^2 entries
-# are n^2 pairs and more, and their Schur complement is held four times where it is made
+PAIRS = 25  # and last of all up to as many, n, as leave half of the memory to so many times n^4 bytes: its n^2 entries
+# are n^2 pairs and more, and a step holds their Schur complement and what it is made of
 Way = Callable[[], "Certified | NetworkCertificate | Failure"]
 FACTS_STATES = 60  # facts across functions are tried up to this many states
 PRACTICAL_STATES = 20  # a ball is sought up to this many states
@@ -78,6 +79,8 @@ def decide(asked: Question, log: Log) -> Verdict:
             return Certified(found, tuple(log.attempts))
         if asked.model.is_large:
             return _undecided(found, asked, log)
+    if not _is_readable(asked.model):
+        return Undecided(Reason.OUTSIDE, words.TOO_LARGE, tuple(log.attempts))
     asked = replace(asked, model=asked.model.dense())
     with log.attempt("equilibria at the nominal input") as outcome:
         points = find_operating_point(asked.model, asked.u, near=asked.near)
@@ -98,6 +101,11 @@ def decide(asked: Question, log: Log) -> Verdict:
     if points and isinstance(regional, Failure) and failure.reason is Reason.OUTSIDE:  # a region was asked for
         failure = regional
     return _undecided(failure, asked, log)
+
+
+def _is_readable(model: PersidskiiModel) -> bool:
+    """Whether the checker reads a model with so many states, inputs and functions of them."""
+    return max(model.n, model.m) <= MAX_STATES and len(model.channels.functions) <= MAX_CHANNELS
 
 
 def _widest(asked: Question, points: tuple[OperatingPoint, ...], log: Log) -> Certified | Failure:

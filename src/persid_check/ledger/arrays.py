@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from persid_check.exact import Matrix
 
 LONGEST = 2**28  # bytes
-MAX_FILLED = 3 * 10**6  # numbers of one matrix of a model
+MAX_FILLED = 4 * 10**6  # numbers of one matrix of a model
 
 
 def gathered(data: Mapping[str, object], folder: Path | None, content: bytes | None) -> "Arrays":

@@ -20,6 +20,7 @@ from persid_check.work import spend, spend_products
 Eta = Mapping[int, Fraction]  # a row over eta: points first, then channels
 Entries = list[tuple[int, int, Fraction]]  # of a sparse matrix: row, column, value
 Weighted = tuple[Eta, Eta, Fraction]  # two factors and the multiplier of their product
+ENTRIES_OF_A_STEP = 16  # of a matrix of zeros that rows of points are written into
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
@@ -273,7 +274,7 @@ def _lifted(eta: Mapping[tuple[int, int], Fraction], rows: Sequence[Row], width:
     """Return N'H N for the form H over eta, with the rows of the points: a form over (x, s)."""
     first = len(rows)
     used = sorted({i for place in eta for i in place if i < first})
-    spend(len(eta) + len(used) * width)
+    spend(len(eta) + len(used) * width // ENTRIES_OF_A_STEP)
     at, rows = {p: k for k, p in enumerate(used)}, [rows[p] for p in used]
     entries = mirrored(eta)
     yy = [(at[i], at[j], value) for i, j, value in entries if i < first and j < first]
