@@ -36,6 +36,8 @@ def canonical_model(data: object, folder: Path | None = None) -> Json:
         model = sparse.read_sparse(data, sparse.gathered(data, folder))
         if model.n > sparse.FILLED_STATES:
             return model.form()
+        channels = sum(term.size for term in model.terms)
+        Entry(data["terms"], "model.terms").require(channels <= MAX_CHANNELS, f"more than {MAX_CHANNELS} channels")
         data = sparse.filled(model)
     form = _written(data)
     read_model(Entry(form, "model"), discrete=True, algebraic=True)

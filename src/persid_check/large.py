@@ -7,6 +7,7 @@ from flint import fmpz_mat
 from persid_check.digits import Digits, of_numbers
 from persid_check.flint_matrix import TOO_LARGE, Matrix, Number, has_many_entries, integers
 from persid_check.results import NotProvedError
+from persid_check.work import spend_multiplications
 
 MAX_WORK = 5 * 10**11  # multiplications of one matrix product by digits
 
@@ -59,7 +60,7 @@ class Large(Matrix):
 
     def squared(self) -> Matrix:
         """Return X X'."""
-        _refuse_long(self.entries.cost(self.entries.transpose()))
+        _spend(self.entries.cost(self.entries.transpose()))
         return held(self.entries.squared(), 2 * self.exponent)
 
     def _moved(self, bits: int) -> Digits:
@@ -82,7 +83,7 @@ class Large(Matrix):
 
 def _product(first: Matrix, second: Matrix) -> Matrix:
     left, right = _digits(first.entries), _digits(second.entries)
-    _refuse_long(left.cost(right))
+    _spend(left.cost(right))
     return held(left * right, first.exponent + second.exponent)
 
 
@@ -100,6 +101,7 @@ def _digits(entries: fmpz_mat | Digits) -> Digits:
     return Digits.of_integers(shape, [int(v) for v in entries.entries()])
 
 
-def _refuse_long(work: int) -> None:
+def _spend(work: int) -> None:
     if work > MAX_WORK:
         raise NotProvedError("numbers", TOO_LARGE)
+    spend_multiplications(work)

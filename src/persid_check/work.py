@@ -20,6 +20,8 @@ MOST_STEPS = 4 * 10**6  # or, of longer files, so many for each byte:
 MOST_OF_A_BYTE = 8
 DIGITS = 2**24  # of all large matrices, and more for each byte of a file and its companion
 DIGITS_OF_A_BYTE = 128
+PRODUCTS = 2**36  # multiplications in products of large matrices, and more for each byte of both
+PRODUCTS_OF_A_BYTE = 2**14
 SEARCHED = 100  # steps of a byte of a file without partitions: they are sought
 BITS_OF_A_STEP = 512  # of the factors of a product of fractions
 KNOWN = 8192  # proofs that a process remembers, each with its steps: files of one model share lemmas
@@ -34,10 +36,10 @@ def allowance(size: int, of_a_byte: int = STEPS_OF_A_BYTE, most: int = MOST_STEP
 
 
 class Account:
-    """Steps spent in a file or in a proof, digits that its matrices may still have, and answers by their text."""
+    """Steps spent in a file or in a proof, what its large matrices may still take, and answers by their text."""
 
-    def __init__(self, limit: float, digits: float) -> None:
-        self.spent, self.limit, self.digits = 0, limit, digits
+    def __init__(self, limit: float, digits: float, products: float) -> None:
+        self.spent, self.limit, self.digits, self.products = 0, limit, digits, products
         self.answers: dict[object, Any] = {}
 
 
@@ -47,9 +49,9 @@ account: ContextVar[Account | None] = ContextVar("account", default=None)
 
 
 @contextmanager
-def limited(steps: float, digits: float = float("inf")) -> Iterator[Account]:
-    """Within this context a proof may take so many steps and digits in all; then NotProvedError ends it."""
-    current = Account(steps, digits)
+def limited(steps: float, size: float = float("inf")) -> Iterator[Account]:
+    """Within this context a proof may take so many steps, and what matrices of `size` bytes may; then it is refused."""
+    current = Account(steps, DIGITS + DIGITS_OF_A_BYTE * size, PRODUCTS + PRODUCTS_OF_A_BYTE * size)
     token = account.set(current)
     try:
         yield current
@@ -73,6 +75,15 @@ def spend_digits(count: int) -> None:
         current.digits -= count
         if current.digits < 0:
             raise NotProvedError("file", "its matrices have too many digits for a file of this length")
+
+
+def spend_multiplications(count: int) -> None:
+    """Count multiplications in a product of large matrices."""
+    current = account.get()
+    if current is not None:
+        current.products -= count
+        if current.products < 0:
+            raise NotProvedError("file", "the products of its matrices are too long for a file of this length")
 
 
 def spend_products(count: int, *factors: Iterable[Fraction]) -> None:

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 import persid as ps
-from checker.ledgers import data
+from checker.ledgers import Sketch, data, draft
+from checker.maker import model as model_object
 from persid.certificates import encoding
 from persid.certificates.certificate import Certificate
 from persid.certificates.encoding import separated
 from persid.models.sparse import archive
-from persid_check import Accepted, Malformed, Rejected, check, flint_matrix
+from persid_check import Accepted, Malformed, Rejected, canonical_model, check, flint_matrix, sparse
 from persid_check.ledger import arrays as ledger_arrays
+from persid_check.results import FormatError
 
 Arrays = dict[str, np.ndarray]
 
@@ -145,3 +147,29 @@ def test_a_companion_is_needed_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     answer = check(file, arrays=beside)
     assert isinstance(answer, Malformed)
     assert "pip install numpy" in answer.why
+
+
+def test_products_of_long_numbers_are_limited_by_the_length_of_a_file() -> None:
+    """A linear term of 250 states whose numbers spread over all exponents: 5 MB with several took minutes."""
+    n = 250
+    exponents = np.random.default_rng(0).integers(-1070, 1020, (2, n * n))
+    A, R = np.ldexp(1.0, exponents)
+    zeros = [[0.0] * n] * n
+    stated = draft(Sketch(model_object([("x", None, zeros)], zeros, [[]] * n, n=n), [], [], [], full=False))
+    stated["model"]["terms"] = [{"f": "x", "R": "R", "A": "A"}]
+    written, beside = joined(stated, {"A": A, "R": R})
+    answer = check(written, arrays=beside)
+    assert isinstance(answer, Rejected)
+    assert "products of its matrices are too long for a file of this length" in answer.why
+
+
+def test_sparse_rows_are_counted_before_they_are_filled_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model of 200 bytes with 50,000 rows of 400 entries took 3.4 GB before it was refused."""
+    monkeypatch.setattr(sparse, "filled", lambda _: pytest.fail("filled in"))
+    term = {
+        "f": "tanh(x)",
+        "R": {"shape": [50_000, 400], "coo": [[0], [0], [1.0]]},
+        "A": {"shape": [400, 50_000], "coo": [[0], [0], [1.0]]},
+    }
+    with pytest.raises(FormatError, match="more than 3000 channels"):
+        canonical_model({"format": "persid-model-1", "states": 400, "terms": [term], "B": None})

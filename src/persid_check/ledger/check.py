@@ -9,8 +9,9 @@ from persid_check.ledger import COMPANION, MAX_BYTES
 from persid_check.ledger.file import read_ledger
 from persid_check.ledger.sentences import statement, steps
 from persid_check.ledger.theorem import prove
+from persid_check.ledger.values import Ledger
 from persid_check.results import Accepted, FormatError, require
-from persid_check.work import DIGITS, DIGITS_OF_A_BYTE, allowance, limited
+from persid_check.work import allowance, limited
 
 if TYPE_CHECKING:
     from persid_check.companion import Arrays
@@ -33,16 +34,21 @@ def check_ledger(
     if size > MAX_BYTES:
         raise FormatError("file", f"more than {MAX_BYTES} bytes")
     arrays = {} if data.get(COMPANION) is None else _gathered(data, folder, content)
-    ledger = read_ledger(data, arrays)
-    require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
-    columns = sum(len(deviation.columns) for deviation in ledger.deviations)
-    width = ledger.entries + ledger.inputs + columns + len(ledger.inside)
     beside = sum(array.nbytes for array in arrays.values())
-    written = max(width, len(ledger.points)) * width <= ENTRIES + 4 * (size + beside)
-    require(written, "model", "its matrices are too large for a file of this length")
-    with limited(allowance(size), DIGITS + DIGITS_OF_A_BYTE * (size + beside)):
+    with limited(allowance(size), size + beside):
+        ledger = read_ledger(data, arrays)
+        require_same(ledger.form, ledger.sha256, wanted, None if ledger.outputs is None else ledger.outputs.sha256)
+        _require_written(ledger, size + beside)
         proved = prove(ledger)
     return Accepted(ledger.claim, statement(ledger, proved), steps(ledger, proved), proved.further)
+
+
+def _require_written(ledger: Ledger, size: int) -> None:
+    """Refuse matrices that are far larger than the file and its companion."""
+    columns = sum(len(deviation.columns) for deviation in ledger.deviations)
+    width = ledger.entries + ledger.inputs + columns + len(ledger.inside)
+    written = max(width, len(ledger.points)) * width <= ENTRIES + 4 * size
+    require(written, "model", "its matrices are too large for a file of this length")
 
 
 def _gathered(data: Mapping[str, object], folder: Path | None, content: bytes | None) -> "Arrays":
