@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from persid_check.work import spend_digits
+from persid_check.work import spend, spend_digits
 
 BITS = 21  # of a digit
 HALF = 1 << (BITS - 1)
@@ -20,6 +20,7 @@ MAX_SIZE = 2**28  # digits of one matrix: 1 GiB
 WIDEST = 2**22  # products of digits that are added up without a carry
 ONE_BY_ONE = 40  # times as long as in a product of BLAS takes a multiplication that is not in one
 BLOCK = 2**22  # entries that are worked on at a time
+DIGITS_OF_A_STEP = 16  # of one entry that is read
 
 Array = np.ndarray
 Places = Sequence[int] | Array
@@ -192,6 +193,7 @@ class Digits:
         return Digits((height, self.shape[1]), parts)
 
     def __getitem__(self, place: tuple[int, int]) -> int:
+        spend(len(self.parts) // DIGITS_OF_A_STEP)
         return sum(int(part[place]) << (BITS * k) for k, part in enumerate(self.parts))
 
     def integers(self) -> list[int]:

@@ -9,6 +9,7 @@ from flint import fmpz_mat
 from persid_check import digits, exact, large
 from persid_check.digits import Digits
 from persid_check.results import NotProvedError
+from persid_check.work import limited
 
 EDGES = [0, 1, -1, 2**20, -(2**20), 2**20 - 1, 2**21, 2**41 - 2**20, 2**61, -(2**61), 2**62, -(2**63), 2**64 - 1]
 BITS = (5, 21, 22, 42, 60, 63, 64, 65, 200, 600)
@@ -168,3 +169,13 @@ def test_sums_that_64_bits_may_not_hold_are_refused() -> None:
         row * row.transpose()
     with pytest.raises(ArithmeticError, match="fewer bits"):
         row.squared()
+
+
+def test_to_read_an_entry_of_many_digits_takes_steps() -> None:
+    """Points of long numbers, 875,000 entries of 190 digits, took 17 s of the steps of as many short ones."""
+    short, long = (Digits.of_integers((1, 1), [2**bits]) for bits in (200, 4000))
+    with limited(100) as account:
+        assert short[0, 0] == 2**200
+        assert account.spent == 0
+        assert long[0, 0] == 2**4000
+        assert account.spent == 4000 // 21 // digits.DIGITS_OF_A_STEP
