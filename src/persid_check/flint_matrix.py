@@ -8,10 +8,12 @@ from typing import Any
 from flint import fmpz, fmpz_mat
 
 from persid_check.results import NotProvedError
+from persid_check.work import spend_multiplications
 
 MAX_EXPONENT = 5000  # of the common power of two; binary64 numbers need 1074
 MAX_WORK = 10**12  # size**3 times bits of one matrix product
-FREE_WORK = 10**6  # size**3 of a product that is small whatever its bits
+FREE_WORK = 2**15  # size**3 of a product that is small whatever its bits
+DIGIT = 21  # bits: longer products count as many multiplications as by digits
 TOO_LARGE = "a matrix product is too large: fewer bits or fewer entries are needed, or NumPy, if it is not installed"
 LARGE = 2**12  # entries from which a matrix is held by digits
 
@@ -53,8 +55,11 @@ class Matrix:
 
     def __mul__(self, other: "Matrix") -> "Matrix":
         left, right, steps = self.entries, other.entries, self.height * self.width * other.width
-        if steps > FREE_WORK and steps * max(_bits(left), _bits(right)) > MAX_WORK:
-            raise NotProvedError("numbers", TOO_LARGE)
+        if steps > FREE_WORK:
+            bits = _bits(left), _bits(right)
+            if steps * max(bits) > MAX_WORK:
+                raise NotProvedError("numbers", TOO_LARGE)
+            spend_multiplications(steps * (1 + bits[0] // DIGIT) * (1 + bits[1] // DIGIT))
         return Matrix(left * right, self.exponent + other.exponent)
 
     def squared(self) -> "Matrix":

@@ -1,6 +1,7 @@
 """Large matrices by digits: every operation is FLINT's, and no product of binary64 is trusted unseen."""
 
 import random
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -179,3 +180,15 @@ def test_to_read_an_entry_of_many_digits_takes_steps() -> None:
         assert account.spent == 0
         assert long[0, 0] == 2**4000
         assert account.spent == 4000 // 21 // digits.DIGITS_OF_A_STEP
+
+
+@pytest.mark.parametrize(
+    ("size", "bits", "counted"), [(60, 4000, 60**3 * 191**2), (60, 100, 60**3 * 25), (30, 4000, 0)]
+)
+def test_products_of_flint_count_as_those_of_digits(size: int, bits: int, counted: int) -> None:
+    """Below the size of digits, too, but for small ones."""
+    X = exact.matrix([[Fraction(2**bits - 1)] * size] * size, size)
+    with limited(1, 0) as account:
+        before = account.products
+        _ = X * X
+    assert before - account.products == counted
