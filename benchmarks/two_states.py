@@ -9,11 +9,10 @@ Verdict, rate, gain and the number of forms of the certificate stand beside.
 
 import argparse
 import json
-import subprocess
-import sys
 import time
 
 import numpy as np
+from children import child
 
 import persid as ps
 
@@ -67,8 +66,7 @@ def main() -> None:
         return
     print(f"{'functions':16s} {'first/s':>8s} {'again/s':>8s} {'rate':>6s} {'gain':>6s} {'forms':>6s}")
     for kind in KINDS:
-        command = [sys.executable, __file__, "--one", kind]
-        found = [json.loads(subprocess.check_output(command)) for _ in range(options.times)]
+        found = [child("two_states.py", "--one", kind) for _ in range(options.times)]
         first, again = (min(each[name] for each in found) for name in ("first", "again"))
         last = found[-1]
         print(f"{kind:16s} {first:8.3f} {again:8.3f} {last['rate']:6.3f} {last['gain']:6.3f} {last['forms']:6d}")

@@ -12,7 +12,7 @@ from functools import partial, wraps
 from hashlib import sha256
 from typing import Any, ParamSpec, TypeVar
 
-from persid_check.results import NotProvedError
+from persid_check.results import require
 
 STEPS = 2 * 10**5  # that the proofs of a file may take, and more for each byte
 STEPS_OF_A_BYTE = 16
@@ -61,29 +61,25 @@ def limited(steps: float, size: float = float("inf")) -> Iterator[Account]:
 
 def spend(steps: int) -> None:
     """Count steps."""
-    current = account.get()
-    if current is not None:
+    if (current := account.get()) is not None:
         current.spent += steps
-        if current.spent > current.limit:
-            raise NotProvedError("file", "its proof takes too many steps: fewer or simpler forms are needed")
+        require(
+            current.spent <= current.limit, "file", "its proof takes too many steps: fewer or simpler forms are needed"
+        )
 
 
 def spend_digits(count: int) -> None:
     """Count digits of a large matrix."""
-    current = account.get()
-    if current is not None:
+    if (current := account.get()) is not None:
         current.digits -= count
-        if current.digits < 0:
-            raise NotProvedError("file", "its matrices have too many digits for a file of this length")
+        require(current.digits >= 0, "file", "its matrices have too many digits for a file of this length")
 
 
 def spend_multiplications(count: int) -> None:
     """Count multiplications in a product of large matrices."""
-    current = account.get()
-    if current is not None:
+    if (current := account.get()) is not None:
         current.products -= count
-        if current.products < 0:
-            raise NotProvedError("file", "the products of its matrices are too long for a file of this length")
+        require(current.products >= 0, "file", "the products of its matrices are too long for a file of this length")
 
 
 def spend_products(count: int, *factors: Iterable[Fraction]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from persid._files import Json
 from persid.certificates.curves import written_cuts
-from persid.certificates.partitions import cuts_of, cuts_of_continuity
+from persid.certificates.partitions import both_sides, cuts_of, cuts_of_continuity
 from persid.errors import ModelError, RoundingError
 from persid.lyapunov.sectors import steepest
 from persid.models.outputs import OutputModel
@@ -77,7 +77,7 @@ def steepness(text: str) -> list[Any]:
     ):
         if found is None:
             raise RoundingError(f"no proof that {text} is nowhere steeper than {steepest(text)}")
-        cuts |= {*found, *(-t for t in found if found[0] == 0)}  # what is proved by symmetry is written on both sides
+        cuts |= set(both_sides(found))
     return [L, written_cuts(tuple(sorted(cuts)))]
 
 

@@ -36,7 +36,7 @@ def cuts_of(lemma: Lemma, domain: Piece | None) -> Cuts | None:
     low, high = lemma.centre or (_ZERO, _ZERO)
     if lemma.kind in SLOPES and domain is None and lemma.centre is not None:  # its pieces do not know the centre
         found = cuts_of(replace(lemma, centre=None), None)
-        if found is None or ((-found[-1] if lemma.even else found[0]) < low and high < found[-1]):
+        if found is None or (both_sides(found)[0] < low and high < found[-1]):
             return found
     negative = _seems_negative(lemma, domain)
     if negative and lemma.kind not in SUMMED:
@@ -178,6 +178,11 @@ def _rise(lemma: Lemma, t: ndarray) -> ndarray:
     about = float((lemma.centre or (_ZERO, _ZERO))[0])
     held = ((lo == about) | (hi == about)) & mean_on(lemma, lo, hi)
     return np.asarray(np.where(held, np.fmax(rise, 0.0), rise))
+
+
+def both_sides(cuts: Cuts) -> Cuts:
+    """Return cuts with their mirror image, where they begin at 0 and so speak of both sides."""
+    return (*(-t for t in cuts[:0:-1]), *cuts) if cuts[0] == 0 else cuts
 
 
 def _ordered(cuts: list[Fraction]) -> Cuts:

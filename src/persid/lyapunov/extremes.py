@@ -11,6 +11,7 @@ short: what joins there joins at a place of the way that was still central, and 
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import repeat
 
 import numpy as np
@@ -162,15 +163,19 @@ class _Inequality:
 
     def grown(self, place: _Place) -> tuple[Family, ...]:
         """Return the families with what the dual matrix prices lowest."""
-        prices, curves = self.whole.prices(place.X), [group.curve for group in self.whole.system.groups]
-        known = [None if self.forms is None else [k for of, k in self.forms if of == curve] for curve in curves]
-        return tuple(map(join, place.families, prices, repeat(0.0), repeat(JOINING), known))
+        return tuple(map(join, place.families, self.whole.prices(place.X), repeat(0.0), repeat(JOINING), self._known))
 
     def resumed(self, place: _Place, families: Sequence[Family]) -> _Place:
         """Return a place with more unknowns."""
         assembly = self.whole.assembly(families)
         places = assembly.unknowns.places_in(place.assembly.unknowns)
         return _Place(assembly, resumed(self._problem(assembly), place.state, places))
+
+    @cached_property
+    def _known(self) -> list[list[int] | None]:
+        """The places of the forms that join easily in the pool of each group."""
+        curves = [group.curve for group in self.whole.system.groups]
+        return [None if self.forms is None else [k for of, k in self.forms if of == curve] for curve in curves]
 
     def _problem(self, assembly: Assembly) -> Problem:
         cost = np.array([float(label == self.fixed) for label in assembly.unknowns.labels])
